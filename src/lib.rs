@@ -1,0 +1,15 @@
+//! A virtual calibration lab for serial robot arms.
+#![doc = ""]
+
+pub mod campaign;
+pub mod dual_quaternion;
+pub mod effects;
+pub mod fit;
+pub mod model;
+pub mod mujoco;
+pub mod plant;
+pub mod posture;
+pub mod recording;
+pub mod report;
+pub mod robot;
+pub mod scenario;
