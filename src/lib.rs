@@ -13,3 +13,5 @@ pub mod recording;
 pub mod report;
 pub mod robot;
 pub mod scenario;
+pub mod setup;
+pub mod statics;

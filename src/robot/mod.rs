@@ -97,3 +97,13 @@ pub enum Shape {
     /// Radius.
     Sphere(f64),
 }
+
+impl Joint {
+    /// Row of a wrench `[f; m]` where the part begins that the joint's axis carries: 0 force, 3 moment.
+    pub fn load_row(&self) -> usize {
+        match self.kind {
+            JointKind::Prismatic => 0,
+            JointKind::Revolute | JointKind::Continuous => 3,
+        }
+    }
+}

@@ -1,0 +1,210 @@
+//! The catalogue of physical effects.
+//!
+//! An effect is one file: its `//!` comment is its handbook page, its [`Effect`] implementation its law for
+//! the model and its realisation in the plant. [`CATALOGUE`] is the only place that lists them.
+
+mod geometry;
+mod joint_compliance;
+mod joint_offset;
+mod target_offset;
+mod tracker_frame;
+
+use crate::dual_quaternion::Scalar;
+use crate::plant::{PlantError, PlantSpec};
+use crate::posture::Posture;
+use crate::setup::Setup;
+use num_dual::DualSVec64;
+use serde::de::DeserializeOwned;
+use std::fmt::Debug;
+use std::sync::Arc;
+
+pub use joint_compliance::{StiffnessPreset, preset_stiffness};
+
+/// Every effect, in the order of the tables and of the default model.
+pub const CATALOGUE: &[Entry] = &[
+    entry::<tracker_frame::TrackerFrame>(include_str!("tracker_frame.rs")),
+    entry::<target_offset::TargetOffset>(include_str!("target_offset.rs")),
+    entry::<joint_offset::JointOffset>(include_str!("joint_offset.rs")),
+    entry::<geometry::Geometry>(include_str!("geometry.rs")),
+    entry::<joint_compliance::JointCompliance>(include_str!("joint_compliance.rs")),
+];
+
+/// Where on the way from encoder to tracker an effect acts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// Moves joints or nodes whatever the load.
+    Rigid,
+    /// Moves joints or nodes under the load: sees the wrench at the node it moves, and no other.
+    Elastic,
+    /// Moves the frames of tracker or target.
+    Instrument,
+}
+
+impl Stage {
+    /// One word for tables.
+    pub fn word(self) -> &'static str {
+        match self {
+            Stage::Rigid => "rigid",
+            Stage::Elastic => "elastic",
+            Stage::Instrument => "instrument",
+        }
+    }
+}
+
+/// One number of an effect. Zero is neutral: an effect with all its parameters at zero changes nothing.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Name within the effect, e.g. the joint's.
+    pub name: String,
+    /// SI unit.
+    pub unit: &'static str,
+    /// Size that would not surprise; scales the parameter in rank decisions.
+    pub typical: f64,
+    /// Least value allowed.
+    pub lower: f64,
+    /// Greatest value allowed.
+    pub upper: f64,
+    /// Start value, or the value it is held at.
+    pub value: f64,
+    /// Estimated, or held (and still applied).
+    pub vary: bool,
+}
+
+impl Parameter {
+    /// A free, unbounded parameter that starts at zero.
+    pub fn new(name: impl Into<String>, unit: &'static str, typical: f64) -> Self {
+        Self {
+            name: name.into(),
+            unit,
+            typical,
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+            value: 0.0,
+            vary: true,
+        }
+    }
+
+    /// The same, never below `lower`.
+    pub fn at_least(self, lower: f64) -> Self {
+        Self { lower, ..self }
+    }
+}
+
+/// One physical effect, with its law for the model and its realisation in the plant.
+pub trait Effect: Debug + Send + Sync + 'static {
+    /// File stem, `kind` in TOML, word on the command line, name in reports.
+    const ID: &'static str;
+    /// Where it acts.
+    const STAGE: Stage;
+    /// Its parameters for a robot with its targets, in the order that `perturb` and `install` take them.
+    fn parameters(&self, setup: &Setup) -> Vec<Parameter>;
+    /// The model's side: adds to the posture.
+    fn perturb<S: Scalar>(&self, p: &[S], posture: &mut Posture<'_, S>);
+    /// The plant's side.
+    ///
+    /// # Errors
+    /// If the plant cannot realise these values.
+    fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError>;
+}
+
+/// Directions that one evaluation with dual numbers carries.
+pub const DIRECTIONS: usize = 8;
+/// Dual numbers with [`DIRECTIONS`] derivatives.
+pub type Dual = DualSVec64<DIRECTIONS>;
+
+/// The object-safe face of [`Effect`].
+pub trait AnyEffect: Debug + Send + Sync {
+    /// [`Effect::ID`].
+    fn id(&self) -> &'static str;
+    /// [`Effect::STAGE`].
+    fn stage(&self) -> Stage;
+    /// [`Effect::parameters`].
+    fn parameters(&self, setup: &Setup) -> Vec<Parameter>;
+    /// [`Effect::perturb`] with plain numbers.
+    fn perturb(&self, p: &[f64], posture: &mut Posture<'_, f64>);
+    /// [`Effect::perturb`] with derivatives.
+    fn perturb_dual(&self, p: &[Dual], posture: &mut Posture<'_, Dual>);
+    /// [`Effect::install`].
+    ///
+    /// # Errors
+    /// As there.
+    fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError>;
+}
+
+impl<E: Effect> AnyEffect for E {
+    fn id(&self) -> &'static str {
+        E::ID
+    }
+    fn stage(&self) -> Stage {
+        E::STAGE
+    }
+    fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
+        Effect::parameters(self, setup)
+    }
+    fn perturb(&self, p: &[f64], posture: &mut Posture<'_, f64>) {
+        Effect::perturb(self, p, posture);
+    }
+    fn perturb_dual(&self, p: &[Dual], posture: &mut Posture<'_, Dual>) {
+        Effect::perturb(self, p, posture);
+    }
+    fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError> {
+        Effect::install(self, p, setup, plant)
+    }
+}
+
+/// A row of the catalogue.
+pub struct Entry {
+    /// [`Effect::ID`].
+    pub id: &'static str,
+    /// [`Effect::STAGE`].
+    pub stage: Stage,
+    source: &'static str,
+    make: fn(toml::Table) -> Result<Arc<dyn AnyEffect>, toml::de::Error>,
+}
+
+const fn entry<E: Effect + DeserializeOwned>(source: &'static str) -> Entry {
+    Entry {
+        id: E::ID,
+        stage: E::STAGE,
+        source,
+        make: |options| Ok(Arc::new(toml::Value::Table(options).try_into::<E>()?)),
+    }
+}
+
+impl Entry {
+    /// The effect with the options of its `[[effect]]` table, without `kind` and what the model file itself
+    /// reads.
+    ///
+    /// # Errors
+    /// For options that it does not know.
+    pub fn make(&self, options: toml::Table) -> Result<Arc<dyn AnyEffect>, toml::de::Error> {
+        (self.make)(options)
+    }
+
+    /// Its handbook page, Markdown: the `//!` comment of its file.
+    pub fn page(&self) -> String {
+        let lines = self.source.lines().map_while(|line| line.strip_prefix("//!"));
+        let lines: Vec<&str> = lines
+            .map(|line| line.strip_prefix(' ').unwrap_or(line))
+            .collect();
+        lines.join("\n")
+    }
+
+    /// The first sentence of its page.
+    pub fn summary(&self) -> String {
+        let page = self.page();
+        let first: Vec<&str> = page.lines().take_while(|line| !line.is_empty()).collect();
+        first.join(" ")
+    }
+}
+
+/// Finds an effect by its id.
+pub fn find(id: &str) -> Option<&'static Entry> {
+    CATALOGUE.iter().find(|entry| entry.id == id)
+}
+
+/// All ids, for messages.
+pub fn ids() -> String {
+    let ids: Vec<&str> = CATALOGUE.iter().map(|entry| entry.id).collect();
+    ids.join(", ")
+}

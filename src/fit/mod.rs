@@ -1,0 +1,648 @@
+//! Identification: from a model and a campaign to parameters, what they are worth, and what is left.
+//!
+//! Held-out readings are never used to fit; where a campaign holds none out, the error beside the fitted one
+//! comes from fitting again without a fifth of the poses at a time.
+
+pub mod noise;
+pub mod paper;
+mod rank;
+pub mod solve;
+mod start;
+
+use crate::campaign::{Campaign, Noise, Reading, Split};
+use crate::dual_quaternion::rotation_vector;
+use crate::model::{Model, Rows6, Workspace, pose_numbers, right_jacobian_inverse};
+use nalgebra::{DMatrix, Vector3, Vector6};
+use noise::{PureError, Source, Whitener};
+use rayon::prelude::*;
+use solve::{Linear, Problem, Solution};
+use std::collections::BTreeMap;
+
+pub use rank::{Status, Unobservable};
+
+/// Readings a block: large enough to amortise a QR factorisation, fixed so that sums do not depend on threads.
+const BLOCK: usize = 48;
+/// Folds of the cross-validation by pose.
+const FOLDS: usize = 5;
+/// Below this many poses no cross-validation: a fold would be a pose or two.
+const FEWEST_POSES: usize = 10;
+/// Rounds in which noise sizes from the residual settle.
+const NOISE_ROUNDS: usize = 6;
+
+/// How to fit.
+#[derive(Debug, Clone, Copy)]
+pub struct Options {
+    /// Cross-validate by pose when no readings are held out.
+    pub cross_validate: bool,
+}
+
+/// Why there is no fit.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// Nothing to fit.
+    #[error("{campaign}: no reading to fit: all {heldout} are held out")]
+    NoReadings {
+        /// Campaign file.
+        campaign: String,
+        /// Held-out readings.
+        heldout: usize,
+    },
+    /// The model cannot be evaluated where the fit has to start.
+    #[error(
+        "{campaign}: line {line}: the model has no loaded equilibrium here; the arm collapses under its load. \
+         Check payload, wrench and link masses, or start from smaller compliances"
+    )]
+    NoEquilibrium {
+        /// Campaign file.
+        campaign: String,
+        /// Line of the first such reading.
+        line: usize,
+    },
+}
+
+/// Errors of predicted readings.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Errors {
+    /// Root mean square distance, m.
+    pub position_rms_m: f64,
+    /// Mean distance, m.
+    pub position_mean_m: f64,
+    /// Largest distance, m.
+    pub position_max_m: f64,
+    /// Root mean square angle, rad; none without orientations.
+    pub orientation_rms_rad: Option<f64>,
+    /// Root mean square of the whitened rows: 1 is noise alone.
+    pub whitened_rms: f64,
+}
+
+/// Where the held-out error comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HeldoutBy {
+    /// The campaign's own split.
+    Split,
+    /// Five-fold cross-validation by pose.
+    CrossValidation,
+}
+
+/// What the fit took the noise to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NoiseUsed {
+    /// Where its size comes from.
+    pub source: Source,
+    /// One standard deviation of a coordinate, root mean square over the readings, m.
+    pub position_sigma: f64,
+    /// The same of an angle, rad; none without orientations.
+    pub orientation_sigma: Option<f64>,
+    /// Variance found over variance assumed in the whitening.
+    pub factor: f64,
+    /// Degrees of freedom of the factor; none if it is not an estimate.
+    pub dof: Option<usize>,
+    /// Pure error of repeats, if there are enough.
+    pub replicates: Option<PureError>,
+}
+
+/// A fitted model.
+#[derive(Debug, Clone)]
+pub struct Fit {
+    /// The model.
+    pub model: Model,
+    /// All parameters, SI.
+    pub values: Vec<f64>,
+    /// One standard deviation of each that is estimated.
+    pub std: Vec<Option<f64>>,
+    /// What became of each parameter.
+    pub status: Vec<Status>,
+    /// Of the estimated parameters (by `free`), SI.
+    pub covariance: DMatrix<f64>,
+    /// Indices of the parameters that the fit varied.
+    pub free: Vec<usize>,
+    /// What the readings do not say, in words.
+    pub unobservable: Vec<Unobservable>,
+    /// Directions of parameter space that the readings fix.
+    pub rank: usize,
+    /// Errors of the fitted readings.
+    pub fit: Errors,
+    /// Errors of readings not used to fit.
+    pub heldout: Option<Errors>,
+    /// Where those come from.
+    pub heldout_by: Option<HeldoutBy>,
+    /// Numbers of readings: fitted, held out.
+    pub readings: (usize, usize),
+    /// Noise.
+    pub noise: NoiseUsed,
+    /// Did the fit converge?
+    pub converged: bool,
+    /// Steps taken.
+    pub iterations: usize,
+}
+
+impl Fit {
+    /// Standard normal or Student quantile for a two-sided 95 % interval.
+    pub fn quantile(&self) -> f64 {
+        use statrs::distribution::{ContinuousCDF, StudentsT};
+        let student = self
+            .noise
+            .dof
+            .and_then(|dof| StudentsT::new(0.0, 1.0, dof as f64).ok());
+        student.map_or(1.959_963_984_540_054, |t| t.inverse_cdf(0.975))
+    }
+
+    /// Position of a parameter by effect and name.
+    pub fn index(&self, effect: &str, name: &str) -> Option<usize> {
+        self.model
+            .parameters()
+            .position(|(id, parameter)| id == effect && parameter.name == name)
+    }
+}
+
+/// Fits a model to a campaign.
+///
+/// # Errors
+/// If there is nothing to fit, or no equilibrium at the start. Not converging is a result.
+pub fn fit(
+    campaign: &Campaign,
+    model: &Model,
+    options: &Options,
+    mut on_step: impl FnMut(&str),
+) -> Result<Fit, FitError> {
+    let of = |split: Split| -> Vec<&Reading> {
+        let readings = campaign.readings.iter();
+        readings.filter(|reading| reading.split == split).collect()
+    };
+    let (fitted, heldout) = (of(Split::Fit), of(Split::Heldout));
+    if fitted.is_empty() {
+        return Err(FitError::NoReadings {
+            campaign: campaign.name.clone(),
+            heldout: heldout.len(),
+        });
+    }
+    let start = start_values(campaign, model, &fitted);
+    let estimate = estimate(campaign, model, &fitted, start, &mut on_step)?;
+    let errors = errors(model, &estimate.p, &fitted, &estimate.whiteners);
+    let (held, heldout_by) = if !heldout.is_empty() {
+        let whiteners = noise::whiteners(model, &estimate.p, &heldout, &estimate.noise);
+        let held = self::errors(model, &estimate.p, &heldout, &whiteners);
+        (Some(held), Some(HeldoutBy::Split))
+    } else if options.cross_validate {
+        let held = cross_validate(campaign, model, &fitted, &estimate, &mut on_step);
+        (held, held.map(|_| HeldoutBy::CrossValidation))
+    } else {
+        (None, None)
+    };
+    Ok(finish(
+        model,
+        estimate,
+        errors,
+        (held, heldout_by),
+        (&fitted, heldout.len()),
+    ))
+}
+
+/// Start values: frames in closed form, everything else as the model says.
+fn start_values(campaign: &Campaign, model: &Model, readings: &[&Reading]) -> Vec<f64> {
+    let found = start::frames(campaign, &model.setup, readings);
+    let mut p = model.start();
+    for term in &model.terms {
+        let poses = match term.effect.id() {
+            "tracker_frame" => std::slice::from_ref(&found.base_from_tracker),
+            "target_offset" => &found.link_from_target[..],
+            _ => continue,
+        };
+        for (index, pose) in poses.iter().enumerate() {
+            for (k, value) in pose_numbers(pose).into_iter().enumerate() {
+                if term.parameters[6 * index + k].vary {
+                    p[term.first + 6 * index + k] = value;
+                }
+            }
+        }
+    }
+    p
+}
+
+/// A converged (or stopped) estimate with the noise it used.
+struct Estimate {
+    p: Vec<f64>,
+    solution: Solution,
+    free: Vec<usize>,
+    noise: Noise,
+    whiteners: Vec<Whitener>,
+    used: NoiseUsed,
+}
+
+/// Fits with the noise settled: from repeats, the file, or in rounds from what is left.
+fn estimate(
+    campaign: &Campaign,
+    model: &Model,
+    readings: &[&Reading],
+    start: Vec<f64>,
+    on_step: &mut impl FnMut(&str),
+) -> Result<Estimate, FitError> {
+    let mut workspace = Workspace::new(&model.setup);
+    for reading in readings {
+        if !workspace.predict(model, &start, reading).settled {
+            return Err(FitError::NoEquilibrium {
+                campaign: campaign.name.clone(),
+                line: reading.line,
+            });
+        }
+    }
+    let with_orientation = readings.iter().any(|reading| reading.orientation.is_some());
+    let groups = noise::replicate_groups(campaign, readings);
+    let free: Vec<usize> = model
+        .parameters()
+        .enumerate()
+        .filter(|(_, (_, parameter))| parameter.vary)
+        .map(|(index, _)| index)
+        .collect();
+    // the shape of the covariance: the campaign's, else isotropic with sizes still to be found
+    let mut shape = campaign
+        .noise
+        .unwrap_or_else(|| noise::isotropic(1e-4, 1e-4));
+    let mut whiteners = noise::whiteners(model, &start, readings, &shape);
+    let replicates = noise::pure_error(readings, &whiteners, &groups);
+    if let (None, Some(pure)) = (campaign.noise, replicates) {
+        shape = noise::isotropic(pure.position.sqrt(), pure.orientation.sqrt());
+        whiteners = noise::whiteners(model, &start, readings, &shape);
+    }
+    let source = match (replicates, campaign.noise) {
+        (Some(_), _) => Source::Replicates,
+        (None, Some(_)) => Source::Campaign,
+        (None, None) => Source::Residual,
+    };
+    let rounds = match source {
+        Source::Residual => NOISE_ROUNDS,
+        _ => 1,
+    };
+    let mut p = start;
+    let mut solution = None;
+    let mut dof = None;
+    for round in 0..rounds {
+        let problem = CampaignProblem::new(model, readings, &whiteners, &free, &p);
+        let begin: Vec<f64> = free.iter().map(|&k| p[k]).collect();
+        let found = solve::solve(&problem, &begin, |iteration, cost| {
+            on_step(&format!("step {iteration}, cost {cost:.6e}"));
+        });
+        p = problem.full(&found.p);
+        if source == Source::Residual {
+            let rank = solve::Spectrum::of(found.linear.factor.clone()).rank;
+            let before = (shape.position, shape.orientation);
+            shape = from_residual(model, &p, readings, rank);
+            whiteners = noise::whiteners(model, &p, readings, &shape);
+            dof = Some(rows(&whiteners).saturating_sub(rank).max(1));
+            let settled = (shape.position / before.0 - 1.0).abs() < 0.01
+                && (!with_orientation || (shape.orientation / before.1 - 1.0).abs() < 0.01);
+            solution = Some(found);
+            if settled && round > 0 {
+                break;
+            }
+        } else {
+            solution = Some(found);
+        }
+    }
+    let Some(mut solution) = solution else {
+        unreachable!("there is at least one round")
+    };
+    if source == Source::Residual {
+        // the factor belongs to the noise sizes of the round before
+        let problem = CampaignProblem::new(model, readings, &whiteners, &free, &p);
+        solution.linear = problem.linearise(&solution.p);
+    }
+    let pure_factor = match (source, campaign.noise, replicates) {
+        (Source::Replicates, Some(_), Some(pure)) => {
+            dof = Some(pure.dof);
+            pure.whitened
+        }
+        (Source::Replicates, None, Some(pure)) => {
+            dof = Some(pure.dof);
+            1.0
+        }
+        _ => 1.0,
+    };
+    let mean = |value: fn(&Whitener) -> f64| {
+        whiteners.iter().map(value).sum::<f64>() / whiteners.len() as f64
+    };
+    let used = NoiseUsed {
+        source,
+        position_sigma: (mean(|w| w.position_variance) * pure_factor).sqrt(),
+        orientation_sigma: with_orientation
+            .then(|| (mean(|w| w.orientation_variance) * pure_factor).sqrt()),
+        factor: pure_factor,
+        dof,
+        replicates,
+    };
+    Ok(Estimate {
+        p,
+        solution,
+        free,
+        noise: shape,
+        whiteners,
+        used,
+    })
+}
+
+fn rows(whiteners: &[Whitener]) -> usize {
+    whiteners.iter().map(|w| w.rows).sum()
+}
+
+/// Sizes of isotropic noise from what the fit leaves, its degrees of freedom shared by rows.
+fn from_residual(model: &Model, p: &[f64], readings: &[&Reading], rank: usize) -> Noise {
+    let residuals = residuals(model, p, readings);
+    let (mut position, mut orientation, mut turned) = (0.0, 0.0, 0usize);
+    for (residual, reading) in residuals.iter().zip(readings) {
+        position += residual.fixed_rows::<3>(0).norm_squared();
+        if reading.orientation.is_some() {
+            orientation += residual.fixed_rows::<3>(3).norm_squared();
+            turned += 3;
+        }
+    }
+    let all = (3 * readings.len() + turned) as f64;
+    let left = (all - rank as f64).max(1.0) / all;
+    let size = |squares: f64, rows: usize| {
+        let variance = squares / (rows as f64 * left).max(1.0);
+        variance.sqrt().max(noise::FLOOR)
+    };
+    noise::isotropic(size(position, 3 * readings.len()), size(orientation, turned.max(1)))
+}
+
+/// Residuals, measured minus predicted: position (m), rotation vector (rad), in the tracker's frame.
+pub fn residuals(model: &Model, p: &[f64], readings: &[&Reading]) -> Vec<Vector6<f64>> {
+    readings
+        .par_iter()
+        .map_init(
+            || Workspace::new(&model.setup),
+            |workspace, reading| {
+                let prediction = workspace.predict(model, p, reading);
+                residual(&prediction, reading)
+            },
+        )
+        .collect()
+}
+
+fn residual(prediction: &crate::model::Prediction, reading: &Reading) -> Vector6<f64> {
+    if !prediction.settled {
+        return Vector6::from_element(f64::NAN);
+    }
+    let position = reading.position - prediction.position;
+    let turn = match reading.orientation {
+        Some(seen) => rotation_vector(&(seen * prediction.orientation.inverse()).into_inner()),
+        None => Vector3::zeros(),
+    };
+    Vector6::new(
+        position.x, position.y, position.z, turn.x, turn.y, turn.z,
+    )
+}
+
+/// A model and readings as a least-squares problem over the free parameters.
+pub struct CampaignProblem<'a> {
+    model: &'a Model,
+    readings: &'a [&'a Reading],
+    whiteners: &'a [Whitener],
+    free: &'a [usize],
+    held: &'a [f64],
+    wanted: Vec<bool>,
+    scale: Vec<f64>,
+    bounds: Vec<(f64, f64)>,
+}
+
+impl<'a> CampaignProblem<'a> {
+    /// The problem of the parameters `free`, all others at their values in `held`.
+    pub fn new(
+        model: &'a Model,
+        readings: &'a [&'a Reading],
+        whiteners: &'a [Whitener],
+        free: &'a [usize],
+        held: &'a [f64],
+    ) -> Self {
+        let parameters: Vec<_> = model.parameters().map(|(_, parameter)| parameter).collect();
+        let mut wanted = vec![false; parameters.len()];
+        for &k in free {
+            wanted[k] = true;
+        }
+        Self {
+            model,
+            readings,
+            whiteners,
+            free,
+            held,
+            wanted,
+            scale: free.iter().map(|&k| parameters[k].typical).collect(),
+            bounds: free
+                .iter()
+                .map(|&k| (parameters[k].lower, parameters[k].upper))
+                .collect(),
+        }
+    }
+
+    /// All parameters, the free ones from `p`.
+    pub fn full(&self, p: &[f64]) -> Vec<f64> {
+        let mut full = self.held.to_vec();
+        for (&k, &value) in self.free.iter().zip(p) {
+            full[k] = value;
+        }
+        full
+    }
+
+    /// One block of `[J | r]`, whitened and scaled, reduced to a triangle.
+    fn block(
+        &self,
+        full: &[f64],
+        readings: &[&Reading],
+        whiteners: &[Whitener],
+        workspace: &mut Workspace,
+        jacobian: &mut Rows6,
+    ) -> DMatrix<f64> {
+        let n = self.free.len();
+        let count: usize = rows(whiteners);
+        let mut block = DMatrix::zeros(count, n + 1);
+        let mut row = 0;
+        for (reading, whitener) in readings.iter().zip(whiteners) {
+            let prediction =
+                workspace.sensitivity(self.model, full, &self.wanted, reading, jacobian);
+            let residual = residual(&prediction, reading);
+            // residual = measured - predicted, so its derivative is minus the prediction's; the rotation
+            // vector of the error answers through the inverse right Jacobian
+            let turn = right_jacobian_inverse(&residual.fixed_rows::<3>(3).into_owned());
+            for (column, &k) in self.free.iter().enumerate() {
+                let mut rate = jacobian.column(k).into_owned();
+                let turned = turn * rate.fixed_rows::<3>(3);
+                rate.fixed_rows_mut::<3>(3).copy_from(&turned);
+                let white = whitener.inverse * rate * -self.scale[column];
+                for i in 0..whitener.rows {
+                    block[(row + i, column)] = white[i];
+                }
+            }
+            let white = whitener.inverse * residual;
+            for i in 0..whitener.rows {
+                block[(row + i, n)] = white[i];
+            }
+            row += whitener.rows;
+        }
+        solve::triangle(block)
+    }
+}
+
+impl Problem for CampaignProblem<'_> {
+    fn linearise(&self, p: &[f64]) -> Linear {
+        let full = self.full(p);
+        let parameters = full.len();
+        let blocks: Vec<DMatrix<f64>> = self
+            .readings
+            .par_chunks(BLOCK)
+            .zip(self.whiteners.par_chunks(BLOCK))
+            .map_init(
+                || (Workspace::new(&self.model.setup), Rows6::zeros(parameters)),
+                |(workspace, jacobian), (readings, whiteners)| {
+                    self.block(&full, readings, whiteners, workspace, jacobian)
+                },
+            )
+            .collect();
+        solve::reduce(blocks, self.free.len())
+    }
+
+    fn cost(&self, p: &[f64]) -> f64 {
+        let full = self.full(p);
+        let residuals = residuals(self.model, &full, self.readings);
+        squares(&residuals, self.whiteners)
+    }
+
+    fn scale(&self) -> &[f64] {
+        &self.scale
+    }
+
+    fn bounds(&self) -> &[(f64, f64)] {
+        &self.bounds
+    }
+}
+
+fn squares(residuals: &[Vector6<f64>], whiteners: &[Whitener]) -> f64 {
+    residuals
+        .iter()
+        .zip(whiteners)
+        .map(|(residual, whitener)| {
+            let white = whitener.inverse * residual;
+            white.rows(0, whitener.rows).norm_squared()
+        })
+        .sum()
+}
+
+/// Errors of readings at given parameters.
+pub fn errors(model: &Model, p: &[f64], readings: &[&Reading], whiteners: &[Whitener]) -> Errors {
+    let residuals = residuals(model, p, readings);
+    summarise(&residuals, readings, whiteners)
+}
+
+fn summarise(
+    residuals: &[Vector6<f64>],
+    readings: &[&Reading],
+    whiteners: &[Whitener],
+) -> Errors {
+    let distances: Vec<f64> = residuals
+        .iter()
+        .map(|r| r.fixed_rows::<3>(0).norm())
+        .collect();
+    let turns: Vec<f64> = residuals
+        .iter()
+        .zip(readings)
+        .filter(|(_, reading)| reading.orientation.is_some())
+        .map(|(r, _)| r.fixed_rows::<3>(3).norm())
+        .collect();
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let rms = |values: &[f64]| {
+        let squares: Vec<f64> = values.iter().map(|x| x * x).collect();
+        mean(&squares).sqrt()
+    };
+    Errors {
+        position_rms_m: rms(&distances),
+        position_mean_m: mean(&distances),
+        position_max_m: distances.iter().copied().fold(0.0, f64::max),
+        orientation_rms_rad: (!turns.is_empty()).then(|| rms(&turns)),
+        whitened_rms: (squares(residuals, whiteners) / rows(whiteners) as f64).sqrt(),
+    }
+}
+
+/// Label of a reading's pose for grouping: its own, or its encoder angles.
+pub fn pose_key(reading: &Reading) -> (String, Vec<u64>) {
+    match &reading.pose {
+        Some(label) => (label.clone(), Vec::new()),
+        None => (
+            String::new(),
+            reading.joints.iter().map(|x| x.to_bits()).collect(),
+        ),
+    }
+}
+
+/// Errors of poses left out a fifth at a time; none with too few poses.
+fn cross_validate(
+    campaign: &Campaign,
+    model: &Model,
+    readings: &[&Reading],
+    estimate: &Estimate,
+    on_step: &mut impl FnMut(&str),
+) -> Option<Errors> {
+    let mut fold_of: BTreeMap<_, usize> = BTreeMap::new();
+    let folds: Vec<usize> = readings
+        .iter()
+        .map(|reading| {
+            // poses in order of appearance go round the folds
+            let next = fold_of.len();
+            *fold_of.entry(pose_key(reading)).or_insert(next) % FOLDS
+        })
+        .collect();
+    if fold_of.len() < FEWEST_POSES {
+        return None;
+    }
+    let mut left = vec![Vector6::zeros(); readings.len()];
+    for fold in 0..FOLDS {
+        on_step(&format!("cross-validation, fold {} of {FOLDS}", fold + 1));
+        let inside = |keep: bool| -> Vec<usize> {
+            (0..readings.len())
+                .filter(|&i| (folds[i] != fold) == keep)
+                .collect()
+        };
+        let (kept, out) = (inside(true), inside(false));
+        let part: Vec<&Reading> = kept.iter().map(|&i| readings[i]).collect();
+        let whiteners: Vec<Whitener> = kept
+            .iter()
+            .map(|&i| estimate.whiteners[i].clone())
+            .collect();
+        // start from scratch, so that nothing of the fold left out leaks in
+        let start = start_values(campaign, model, &part);
+        let problem = CampaignProblem::new(model, &part, &whiteners, &estimate.free, &start);
+        let begin: Vec<f64> = estimate.free.iter().map(|&k| start[k]).collect();
+        let p = problem.full(&solve::solve(&problem, &begin, |_, _| {}).p);
+        let tested: Vec<&Reading> = out.iter().map(|&i| readings[i]).collect();
+        for (i, residual) in out.into_iter().zip(residuals(model, &p, &tested)) {
+            left[i] = residual;
+        }
+    }
+    Some(summarise(&left, readings, &estimate.whiteners))
+}
+
+/// From an estimate to what it is worth.
+fn finish(
+    model: &Model,
+    estimate: Estimate,
+    fit: Errors,
+    (heldout, heldout_by): (Option<Errors>, Option<HeldoutBy>),
+    (fitted, heldout_count): (&[&Reading], usize),
+) -> Fit {
+    let judged = rank::judge(model, &estimate.free, &estimate.solution, estimate.used.factor);
+    Fit {
+        model: model.clone(),
+        values: estimate.p,
+        std: judged.std,
+        status: judged.status,
+        covariance: judged.covariance,
+        free: estimate.free,
+        unobservable: judged.unobservable,
+        rank: judged.rank,
+        fit,
+        heldout,
+        heldout_by,
+        readings: (fitted.len(), heldout_count),
+        noise: estimate.used,
+        converged: estimate.solution.converged,
+        iterations: estimate.solution.iterations,
+    }
+}

@@ -1,0 +1,282 @@
+//! Weighted nonlinear least squares: Gauss-Newton on the singular value decomposition of the scaled Jacobian,
+//! damped (Levenberg 1944, Marquardt 1963) only when a full step does not lower the cost.
+//!
+//! minimise `‖r(p)‖²`, `lower ≤ p ≤ upper`
+//!
+//! Columns are scaled to each parameter's typical size, so that a singular value `s` says: along this
+//! direction the readings fix the parameters to `1/s` typical sizes. Directions with `s` below [`WEAK`] are
+//! left where they are: the readings say nothing about them. How it ended is a value, not an error.
+
+use nalgebra::{DMatrix, DVector};
+
+/// Weakest singular value that counts: beyond 3.3 typical sizes of uncertainty nothing is learnt.
+pub const WEAK: f64 = 0.3;
+/// Singular values below this share of the largest are rounding.
+const ROUNDING: f64 = 1e-12;
+/// Converged when a step would move by less than this many standard deviations.
+const SMALL_STEP: f64 = 1e-4;
+/// Or lower the cost by less than this share of it.
+const SMALL_GAIN: f64 = 1e-12;
+const ITERATIONS: usize = 50;
+const DAMPINGS: usize = 12;
+/// First damping tried, as a share of the squared norm of the scaled Jacobian.
+const LEAST_DAMPING: f64 = 1e-8;
+
+/// A problem at one point, reduced: `‖r + J x‖² = ‖R x + z‖² + rest`, `x` in typical sizes.
+#[derive(Debug, Clone)]
+pub struct Linear {
+    /// Upper triangular factor of the scaled Jacobian; parameters by columns.
+    pub factor: DMatrix<f64>,
+    /// Rotated residual.
+    pub right: DVector<f64>,
+    /// What no step can lower.
+    pub rest: f64,
+}
+
+impl Linear {
+    /// ‖r‖².
+    pub fn cost(&self) -> f64 {
+        self.right.norm_squared() + self.rest
+    }
+}
+
+/// What is minimised.
+pub trait Problem: Sync {
+    /// Residual and scaled Jacobian at `p`, reduced.
+    fn linearise(&self, p: &[f64]) -> Linear;
+    /// ‖r(p)‖², NaN where there is none.
+    fn cost(&self, p: &[f64]) -> f64;
+    /// Typical sizes.
+    fn scale(&self) -> &[f64];
+    /// Least and greatest values.
+    fn bounds(&self) -> &[(f64, f64)];
+}
+
+/// Where the solver stopped.
+#[derive(Debug, Clone)]
+pub struct Solution {
+    /// Parameters.
+    pub p: Vec<f64>,
+    /// The problem there.
+    pub linear: Linear,
+    /// Parameters held by a bound.
+    pub at_bound: Vec<bool>,
+    /// Did it converge?
+    pub converged: bool,
+    /// Steps taken.
+    pub iterations: usize,
+}
+
+/// Minimises from `start`.
+pub fn solve(problem: &dyn Problem, start: &[f64], mut on_step: impl FnMut(usize, f64)) -> Solution {
+    let mut p: Vec<f64> = start
+        .iter()
+        .zip(problem.bounds())
+        .map(|(&p, &(lower, upper))| p.clamp(lower, upper))
+        .collect();
+    let mut linear = problem.linearise(&p);
+    let mut damping = 0.0;
+    for iteration in 0..ITERATIONS {
+        let cost = linear.cost();
+        on_step(iteration, cost);
+        if !cost.is_finite() {
+            return stop(problem, p, linear, false, iteration);
+        }
+        let mut accepted = None;
+        let least = LEAST_DAMPING * linear.factor.norm_squared();
+        for _ in 0..DAMPINGS {
+            let step = bounded_step(problem, &linear, &p, damping);
+            let gain = cost - (&linear.factor * &step + &linear.right).norm_squared() - linear.rest;
+            if damping == 0.0 && (gain < SMALL_STEP.powi(2) || gain < SMALL_GAIN * cost) {
+                return stop(problem, moved(problem, &p, &step), linear, true, iteration);
+            }
+            let next = moved(problem, &p, &step);
+            let reached = problem.cost(&next);
+            if reached < cost {
+                accepted = Some(next);
+                damping = if damping > 10.0 * least && reached < cost - 0.25 * gain {
+                    damping * 0.1
+                } else {
+                    0.0
+                };
+                break;
+            }
+            damping = (damping * 10.0).max(least);
+        }
+        match accepted {
+            Some(next) => {
+                p = next;
+                linear = problem.linearise(&p);
+            }
+            // no step lowers the cost: as low as rounding lets it be, or stuck
+            None => {
+                let step = bounded_step(problem, &linear, &p, 0.0);
+                let gain =
+                    cost - (&linear.factor * &step + &linear.right).norm_squared() - linear.rest;
+                let converged = gain < 1e-6 * (1.0 + cost);
+                return stop(problem, p, linear, converged, iteration);
+            }
+        }
+    }
+    stop(problem, p, linear, false, ITERATIONS)
+}
+
+fn stop(
+    problem: &dyn Problem,
+    p: Vec<f64>,
+    linear: Linear,
+    converged: bool,
+    iterations: usize,
+) -> Solution {
+    let at_bound = p
+        .iter()
+        .zip(problem.bounds())
+        .map(|(&p, &(lower, upper))| p <= lower || p >= upper)
+        .collect();
+    Solution {
+        p,
+        linear,
+        at_bound,
+        converged,
+        iterations,
+    }
+}
+
+fn moved(problem: &dyn Problem, p: &[f64], step: &DVector<f64>) -> Vec<f64> {
+    p.iter()
+        .zip(step.iter())
+        .zip(problem.scale().iter().zip(problem.bounds()))
+        .map(|((&p, &step), (&scale, &(lower, upper)))| (p + step * scale).clamp(lower, upper))
+        .collect()
+}
+
+/// The step, in typical sizes; parameters that it would carry past a bound stop there, and the others are
+/// solved for again.
+fn bounded_step(
+    problem: &dyn Problem,
+    linear: &Linear,
+    p: &[f64],
+    damping: f64,
+) -> DVector<f64> {
+    let n = p.len();
+    let mut fixed: Vec<Option<f64>> = vec![None; n];
+    loop {
+        let free: Vec<usize> = (0..n).filter(|&k| fixed[k].is_none()).collect();
+        let mut right = linear.right.clone();
+        for (k, step) in fixed.iter().enumerate() {
+            if let Some(step) = step {
+                right += linear.factor.column(k) * *step;
+            }
+        }
+        let factor = linear.factor.select_columns(&free);
+        let reduced = least_squares(factor, &right, damping);
+        let mut step = DVector::zeros(n);
+        for (k, value) in fixed.iter().enumerate() {
+            step[k] = value.unwrap_or(0.0);
+        }
+        let mut hit = false;
+        for (&k, &value) in free.iter().zip(reduced.iter()) {
+            step[k] = value;
+            let (lower, upper) = problem.bounds()[k];
+            let reached = p[k] + value * problem.scale()[k];
+            if reached < lower || reached > upper {
+                fixed[k] = Some((reached.clamp(lower, upper) - p[k]) / problem.scale()[k]);
+                hit = true;
+            }
+        }
+        if !hit {
+            return step;
+        }
+    }
+}
+
+/// `x` that minimises `‖A x + b‖² + damping ‖x‖²` over the directions that count.
+fn least_squares(factor: DMatrix<f64>, right: &DVector<f64>, damping: f64) -> DVector<f64> {
+    let spectrum = Spectrum::of(factor);
+    let along = spectrum.u.transpose() * right;
+    let mut step = DVector::zeros(spectrum.v.nrows());
+    for i in 0..spectrum.rank {
+        let s = spectrum.values[i];
+        step -= spectrum.v.column(i) * (s * along[i] / (s * s + damping));
+    }
+    step
+}
+
+/// Singular value decomposition, largest first.
+#[derive(Debug, Clone)]
+pub struct Spectrum {
+    /// Left vectors by columns.
+    pub u: DMatrix<f64>,
+    /// Singular values, falling.
+    pub values: Vec<f64>,
+    /// Right vectors by columns: as many as there are parameters.
+    pub v: DMatrix<f64>,
+    /// How many singular values count.
+    pub rank: usize,
+}
+
+impl Spectrum {
+    /// Decomposes a matrix; fewer rows than columns are filled up with zeros.
+    pub fn of(factor: DMatrix<f64>) -> Self {
+        let n = factor.ncols();
+        let rows = factor.nrows().max(n);
+        let factor = if factor.nrows() < rows {
+            factor.resize_vertically(rows, 0.0)
+        } else {
+            factor
+        };
+        if n == 0 {
+            return Self {
+                u: DMatrix::zeros(rows, 0),
+                values: Vec::new(),
+                v: DMatrix::zeros(0, 0),
+                rank: 0,
+            };
+        }
+        let svd = factor.svd(true, true);
+        let values: Vec<f64> = svd.singular_values.iter().copied().collect();
+        let least = WEAK.max(ROUNDING * values.first().copied().unwrap_or(0.0));
+        let rank = values.iter().filter(|&&s| s >= least).count();
+        Self {
+            u: svd.u.unwrap_or_else(|| DMatrix::zeros(rows, n)),
+            v: svd.v_t.map_or_else(|| DMatrix::zeros(n, n), |v| v.transpose()),
+            values,
+            rank,
+        }
+    }
+}
+
+/// Reduces stacked blocks `[J | r]` to triangular form, one block after the other.
+pub fn reduce(blocks: impl IntoIterator<Item = DMatrix<f64>>, columns: usize) -> Linear {
+    let mut kept: Option<DMatrix<f64>> = None;
+    for block in blocks {
+        let stacked = match kept {
+            None => block,
+            Some(above) => {
+                let mut both = DMatrix::zeros(above.nrows() + block.nrows(), columns + 1);
+                both.rows_mut(0, above.nrows()).copy_from(&above);
+                both.rows_mut(above.nrows(), block.nrows()).copy_from(&block);
+                both
+            }
+        };
+        kept = Some(triangle(stacked));
+    }
+    let triangle = kept.unwrap_or_else(|| DMatrix::zeros(0, columns + 1));
+    let rows = triangle.nrows().min(columns);
+    let rest = (rows..triangle.nrows())
+        .map(|row| triangle[(row, columns)].powi(2))
+        .sum();
+    Linear {
+        factor: triangle.view((0, 0), (rows, columns)).into_owned(),
+        right: triangle.view((0, columns), (rows, 1)).column(0).into_owned(),
+        rest,
+    }
+}
+
+/// The upper triangular factor of a matrix; those with fewer rows than columns are small enough as they are.
+pub fn triangle(matrix: DMatrix<f64>) -> DMatrix<f64> {
+    if matrix.nrows() < matrix.ncols() {
+        return matrix;
+    }
+    matrix.qr().r()
+}

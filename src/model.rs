@@ -1,0 +1,634 @@
+//! The model: nominal robot plus effects. Predicts readings and how they change with every parameter.
+//!
+//! The prediction solves the loaded equilibrium: elastic effects move the arm, which moves the loads, until
+//! both agree. Derivatives come in two exact steps: each effect's law by dual numbers, from parameters to
+//! displacements; everything behind it (kinematics, geometric stiffness, frames) in closed form, from
+//! displacements to the reading. One code path serves every effect.
+
+use crate::campaign::{Campaign, Frame, Reading};
+use crate::dual_quaternion::{DualQuaternion, constant, rotation_vector};
+use crate::effects::{AnyEffect, DIRECTIONS, Dual, Parameter, Stage};
+use crate::posture::{Posture, displacement_count};
+use crate::setup::Setup;
+use crate::statics::{Load, Screw, Statics};
+use nalgebra::{
+    DMatrix, DVector, Isometry3, Matrix3, SVector, UnitQuaternion, Vector3, Vector6,
+};
+use std::sync::Arc;
+
+/// An effect with its parameters, and where they start in the model's parameter vector.
+#[derive(Debug, Clone)]
+pub struct Term {
+    /// The effect.
+    pub effect: Arc<dyn AnyEffect>,
+    /// Its parameters: start or held values, bounds.
+    pub parameters: Vec<Parameter>,
+    /// Index of the first in the parameter vector.
+    pub first: usize,
+}
+
+/// Nominal robot and effects.
+#[derive(Debug, Clone)]
+pub struct Model {
+    /// What is fixed.
+    pub setup: Setup,
+    /// Effects in the order in which they act.
+    pub terms: Vec<Term>,
+}
+
+impl Model {
+    /// A model of these effects with their default parameters.
+    pub fn new(setup: Setup, effects: &[Arc<dyn AnyEffect>]) -> Self {
+        let mut first = 0;
+        let terms = effects
+            .iter()
+            .map(|effect| {
+                let parameters = effect.parameters(&setup);
+                let term = Term {
+                    effect: effect.clone(),
+                    first,
+                    parameters,
+                };
+                first += term.parameters.len();
+                term
+            })
+            .collect();
+        Self { setup, terms }
+    }
+
+    /// Holds the frames that a campaign knows at their poses.
+    pub fn hold_known_frames(&mut self, campaign: &Campaign) {
+        for term in &mut self.terms {
+            let frames: &[Frame] = match term.effect.id() {
+                "tracker_frame" => std::slice::from_ref(&campaign.base_from_tracker),
+                "target_offset" => &campaign.link_from_target,
+                _ => continue,
+            };
+            for (frame, parameters) in frames.iter().zip(term.parameters.chunks_exact_mut(6)) {
+                let Frame::Known(pose) = frame else { continue };
+                for (parameter, value) in parameters.iter_mut().zip(pose_numbers(pose)) {
+                    parameter.value = value;
+                    parameter.vary = false;
+                }
+            }
+        }
+    }
+
+    /// All parameters in the order of the parameter vector, each with its effect's id.
+    pub fn parameters(&self) -> impl Iterator<Item = (&'static str, &Parameter)> {
+        self.terms.iter().flat_map(|term| {
+            let id = term.effect.id();
+            term.parameters.iter().map(move |parameter| (id, parameter))
+        })
+    }
+
+    /// Start values of all parameters.
+    pub fn start(&self) -> Vec<f64> {
+        self.parameters()
+            .map(|(_, parameter)| parameter.value)
+            .collect()
+    }
+
+    /// Does the model hold an effect?
+    pub fn has(&self, id: &str) -> bool {
+        self.terms.iter().any(|term| term.effect.id() == id)
+    }
+
+    /// The term of an effect.
+    pub fn term(&self, id: &str) -> Option<&Term> {
+        self.terms.iter().find(|term| term.effect.id() == id)
+    }
+}
+
+/// The six numbers of a pose: translation (m), rotation vector (rad).
+pub fn pose_numbers(pose: &Isometry3<f64>) -> [f64; 6] {
+    let t = pose.translation.vector;
+    let r = rotation_vector(&pose.rotation.into_inner());
+    [t.x, t.y, t.z, r.x, r.y, r.z]
+}
+
+/// What the model says a reading should be.
+#[derive(Debug, Clone, Copy)]
+pub struct Prediction {
+    /// Target position in the tracker's frame, m.
+    pub position: Vector3<f64>,
+    /// tracker_from_target rotation.
+    pub orientation: UnitQuaternion<f64>,
+    /// Did the loaded equilibrium converge?
+    pub settled: bool,
+}
+
+/// Six rows (position, then rotation vector; tracker frame) by one column a parameter.
+pub type Rows6 = nalgebra::Matrix6xX<f64>;
+
+/// Buffers for predictions of one robot; one a thread.
+pub struct Workspace {
+    statics: Statics,
+    rigid: Vec<f64>,
+    displacements: Vec<f64>,
+    next: Vec<f64>,
+    no_wrench: Vec<Vector6<f64>>,
+    dual_wrenches: Vec<Vector6<Dual>>,
+    dual_displacements: Vec<Dual>,
+    frames: Frames,
+    elastic: Vec<Elastic>,
+    entries: Vec<Entry>,
+    slot_rows: Vec<Option<Vector6<f64>>>,
+    response: DMatrix<f64>,
+}
+
+#[derive(Clone, Copy)]
+struct Frames {
+    base_from_tracker: DualQuaternion<f64>,
+    link_from_target: DualQuaternion<f64>,
+}
+
+/// A displacement that depends on the wrench at its node.
+struct Elastic {
+    slot: usize,
+    /// By local wrench component.
+    compliance: Vector6<f64>,
+}
+
+/// A parameter's push on one displacement.
+struct Entry {
+    slot: usize,
+    parameter: usize,
+    value: f64,
+}
+
+/// Changes of an equilibrium smaller than this (rad, m) are rounding.
+const SETTLED: f64 = 1e-15;
+const ITERATIONS: usize = 60;
+
+impl Workspace {
+    /// Buffers for a model's robot.
+    pub fn new(setup: &Setup) -> Self {
+        let slots = displacement_count(setup);
+        let nodes = setup.robot.bodies.len();
+        Self {
+            statics: Statics::new(setup),
+            rigid: vec![0.0; slots],
+            displacements: vec![0.0; slots],
+            next: vec![0.0; slots],
+            no_wrench: vec![Vector6::zeros(); nodes],
+            dual_wrenches: vec![Vector6::from_element(constant(0.0)); nodes],
+            dual_displacements: vec![constant(0.0); slots],
+            frames: Frames {
+                base_from_tracker: DualQuaternion::identity(),
+                link_from_target: DualQuaternion::identity(),
+            },
+            elastic: Vec::new(),
+            entries: Vec::new(),
+            slot_rows: vec![None; slots],
+            response: DMatrix::zeros(0, 0),
+        }
+    }
+
+    /// Predicts one reading.
+    pub fn predict(&mut self, model: &Model, p: &[f64], reading: &Reading) -> Prediction {
+        self.rigid.fill(0.0);
+        let mut posture = Posture {
+            setup: &model.setup,
+            reading,
+            wrenches: &self.no_wrench,
+            displacements: &mut self.rigid,
+            base_from_tracker: DualQuaternion::identity(),
+            link_from_target: DualQuaternion::identity(),
+        };
+        for term in &model.terms {
+            if term.effect.stage() != Stage::Elastic {
+                term.effect.perturb(term.of(p), &mut posture);
+            }
+        }
+        self.frames = Frames {
+            base_from_tracker: posture.base_from_tracker,
+            link_from_target: posture.link_from_target,
+        };
+        let settled = self.settle(model, p, reading);
+        let target = self.target(model, reading);
+        let seen = self.frames.base_from_tracker.conjugate() * target;
+        Prediction {
+            position: seen.translation(),
+            orientation: seen.rotation(),
+            settled,
+        }
+    }
+
+    /// base_from_target of the posture last composed.
+    fn target(&self, model: &Model, reading: &Reading) -> DualQuaternion<f64> {
+        let link = &model.setup.robot.links[model.setup.targets[reading.target].link];
+        self.statics.body[link.body]
+            * DualQuaternion::from_isometry(&link.body_from_link)
+            * self.frames.link_from_target
+    }
+
+    /// Solves the loaded equilibrium into `displacements`.
+    fn settle(&mut self, model: &Model, p: &[f64], reading: &Reading) -> bool {
+        let setup = &model.setup;
+        let load = Load::of(setup, reading);
+        self.displacements.copy_from_slice(&self.rigid);
+        let elastic = model
+            .terms
+            .iter()
+            .any(|term| term.effect.stage() == Stage::Elastic);
+        self.statics
+            .place(setup, &reading.joints, &self.displacements);
+        if !elastic {
+            return true;
+        }
+        let mut last = f64::INFINITY;
+        for _ in 0..ITERATIONS {
+            self.statics.load(setup, &load);
+            self.elastic_law(model, p, reading);
+            let mut step = self.largest_step();
+            // Weights contract the fixed point by about 0.01 an iteration on a stiff arm; on a soft one
+            // Newton's method takes over.
+            if step > 0.1 * last {
+                self.newton_target(model, p, reading);
+                step = self.largest_step();
+            }
+            std::mem::swap(&mut self.displacements, &mut self.next);
+            self.statics
+                .place(setup, &reading.joints, &self.displacements);
+            if step <= SETTLED {
+                return true;
+            }
+            if !step.is_finite() {
+                return false;
+            }
+            // rounding floor: tiny and no longer falling
+            if step < 1e-13 && step >= last {
+                return true;
+            }
+            last = step;
+        }
+        false
+    }
+
+    fn largest_step(&self) -> f64 {
+        self.next
+            .iter()
+            .zip(&self.displacements)
+            .map(|(a, b)| (a - b).abs())
+            .fold(0.0, |a, b| if b.is_nan() { f64::NAN } else { a.max(b) })
+    }
+
+    /// `next` = rigid displacements + elastic laws at the present wrenches.
+    fn elastic_law(&mut self, model: &Model, p: &[f64], reading: &Reading) {
+        self.next.copy_from_slice(&self.rigid);
+        let mut posture = Posture {
+            setup: &model.setup,
+            reading,
+            wrenches: &self.statics.local_wrench,
+            displacements: &mut self.next,
+            base_from_tracker: self.frames.base_from_tracker,
+            link_from_target: self.frames.link_from_target,
+        };
+        for term in &model.terms {
+            if term.effect.stage() == Stage::Elastic {
+                term.effect.perturb(term.of(p), &mut posture);
+            }
+        }
+    }
+
+    /// Replaces `next` by the Newton step's target: solves `x + dx = law(x) + law'(x) dx`.
+    fn newton_target(&mut self, model: &Model, p: &[f64], reading: &Reading) {
+        self.find_elastic(model, p, reading);
+        let n = self.elastic.len();
+        let mut matrix = DMatrix::identity(n, n);
+        for (row, column, value) in self.stiffness_rows(model) {
+            matrix[(row, column)] -= value;
+        }
+        let gap = DVector::from_iterator(
+            n,
+            self.elastic
+                .iter()
+                .map(|e| self.next[e.slot] - self.displacements[e.slot]),
+        );
+        if let Some(step) = matrix.lu().solve(&gap) {
+            for (e, step) in self.elastic.iter().zip(step.iter()) {
+                self.next[e.slot] = self.displacements[e.slot] + step;
+            }
+        }
+    }
+
+    /// `(row, column, value)` of the elastic laws' answer to elastic displacements.
+    fn stiffness_rows(&self, model: &Model) -> Vec<(usize, usize, f64)> {
+        let mut all = Vec::with_capacity(self.elastic.len() * self.elastic.len());
+        for (column, e) in self.elastic.iter().enumerate() {
+            let screw = self
+                .statics
+                .screw(&model.setup, e.slot, &self.displacements);
+            for (row, value) in self.wrench_answers(model, e.slot, &screw).enumerate() {
+                all.push((row, column, value));
+            }
+        }
+        all
+    }
+
+    /// By elastic displacement: its law's answer when `slot` moves by a unit.
+    fn wrench_answers<'a>(
+        &'a self,
+        model: &'a Model,
+        slot: usize,
+        screw: &'a Screw,
+    ) -> impl Iterator<Item = f64> + 'a {
+        let moved = self.statics.node_of(&model.setup, slot);
+        self.elastic.iter().map(move |e| {
+            let (node, _) = self.statics.node_of(&model.setup, e.slot);
+            let (force, torque) = self.statics.world_row(node, &e.compliance);
+            self.statics
+                .wrench_rate((&force, &torque), node, moved, screw)
+        })
+    }
+
+    /// Finds the displacements that depend on wrenches, and how: dual numbers along each wrench component,
+    /// of all nodes at once, since a law sees only its own node's.
+    fn find_elastic(&mut self, model: &Model, p: &[f64], reading: &Reading) {
+        self.elastic.clear();
+        for (dual, wrench) in self
+            .dual_wrenches
+            .iter_mut()
+            .zip(&self.statics.local_wrench)
+        {
+            for k in 0..6 {
+                dual[k] = seeded(wrench[k], k);
+            }
+        }
+        self.dual_displacements.fill(constant(0.0));
+        let mut posture = Posture {
+            setup: &model.setup,
+            reading,
+            wrenches: &self.dual_wrenches,
+            displacements: &mut self.dual_displacements,
+            base_from_tracker: DualQuaternion::identity(),
+            link_from_target: DualQuaternion::identity(),
+        };
+        for term in &model.terms {
+            if term.effect.stage() == Stage::Elastic {
+                let p: Vec<Dual> = term.of(p).iter().map(|&x| constant(x)).collect();
+                term.effect.perturb_dual(&p, &mut posture);
+            }
+        }
+        for (slot, value) in self.dual_displacements.iter().enumerate() {
+            if let Some(rates) = rates(value) {
+                let compliance = rates.fixed_rows::<6>(0).into_owned();
+                if compliance != Vector6::zeros() {
+                    self.elastic.push(Elastic { slot, compliance });
+                }
+            }
+        }
+    }
+
+    /// Predicts one reading, and its derivative: six rows (position, rotation; tracker frame) for each
+    /// parameter listed in `wanted`, written into the columns of `jacobian`.
+    pub fn sensitivity(
+        &mut self,
+        model: &Model,
+        p: &[f64],
+        wanted: &[bool],
+        reading: &Reading,
+        jacobian: &mut Rows6,
+    ) -> Prediction {
+        let prediction = self.predict(model, p, reading);
+        jacobian.fill(0.0);
+        self.prepare_response(model, p, reading);
+        self.entries.clear();
+        for index in 0..model.terms.len() {
+            self.term_entries(model, index, p, wanted, reading, jacobian);
+        }
+        let entries = std::mem::take(&mut self.entries);
+        for entry in &entries {
+            let row = self.slot_row(model, reading, entry.slot);
+            let mut column = jacobian.column_mut(entry.parameter);
+            column += row * entry.value;
+        }
+        self.entries = entries;
+        prediction
+    }
+
+    /// Six rows (position, rotation; tracker frame) for a unit of each joint's angle, the load following:
+    /// what a joint's lack of repeatability does to the reading last predicted.
+    pub fn joint_jacobian(
+        &mut self,
+        model: &Model,
+        p: &[f64],
+        reading: &Reading,
+        jacobian: &mut Rows6,
+    ) -> Prediction {
+        let prediction = self.predict(model, p, reading);
+        self.prepare_response(model, p, reading);
+        for joint in 0..model.setup.robot.joints.len() {
+            let row = self.slot_row(model, reading, joint);
+            jacobian.set_column(joint, &row);
+        }
+        prediction
+    }
+
+    /// Sets up how the target answers elastic displacements: `response = Y_e (1 - G)⁻¹`, 6 × elastic.
+    fn prepare_response(&mut self, model: &Model, p: &[f64], reading: &Reading) {
+        self.slot_rows.fill(None);
+        if model
+            .terms
+            .iter()
+            .any(|term| term.effect.stage() == Stage::Elastic)
+        {
+            self.find_elastic(model, p, reading);
+        } else {
+            self.elastic.clear();
+        }
+        let n = self.elastic.len();
+        let mut direct = DMatrix::zeros(6, n);
+        for (column, e) in self.elastic.iter().enumerate() {
+            direct.set_column(column, &self.direct_row(model, reading, e.slot));
+        }
+        let mut matrix = DMatrix::identity(n, n);
+        for (row, column, value) in self.stiffness_rows(model) {
+            matrix[(row, column)] -= value;
+        }
+        self.response = match matrix.transpose().lu().solve(&direct.transpose()) {
+            Some(solution) => solution.transpose(),
+            // a posture at the edge of collapse: the direct answer is the best there is
+            None => direct,
+        };
+    }
+
+    /// Motion of the target as the tracker sees it when `slot` moves by a unit and nothing else does.
+    fn direct_row(&self, model: &Model, reading: &Reading, slot: usize) -> Vector6<f64> {
+        let (node, _) = self.statics.node_of(&model.setup, slot);
+        if !self
+            .statics
+            .carries(node, model.setup.target_body(reading.target))
+        {
+            return Vector6::zeros();
+        }
+        let screw = self.statics.screw(&model.setup, slot, &self.displacements);
+        self.seen(model, reading, &screw)
+    }
+
+    /// Motion of the target under a screw in the base frame, in the tracker's frame.
+    fn seen(&self, model: &Model, reading: &Reading, screw: &Screw) -> Vector6<f64> {
+        let point = self.target(model, reading).translation();
+        let back = self.frames.base_from_tracker.conjugate();
+        let linear = back.transform_vector(&screw.at(&point));
+        let angular = back.transform_vector(&screw.angular);
+        Vector6::new(
+            linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
+        )
+    }
+
+    /// The same with the loads following: what a unit of a displacement does to the reading.
+    fn slot_row(&mut self, model: &Model, reading: &Reading, slot: usize) -> Vector6<f64> {
+        if let Some(row) = self.slot_rows[slot] {
+            return row;
+        }
+        let mut row = self.direct_row(model, reading, slot);
+        let screw = self.statics.screw(&model.setup, slot, &self.displacements);
+        for (column, answer) in self.wrench_answers(model, slot, &screw).enumerate() {
+            row += self.response.column(column) * answer;
+        }
+        self.slot_rows[slot] = Some(row);
+        row
+    }
+
+    /// One effect's derivative: displacements into `entries`, frames straight into `jacobian`.
+    fn term_entries(
+        &mut self,
+        model: &Model,
+        index: usize,
+        p: &[f64],
+        wanted: &[bool],
+        reading: &Reading,
+        jacobian: &mut Rows6,
+    ) {
+        let term = &model.terms[index];
+        let count = term.parameters.len();
+        let free: Vec<usize> = (0..count).filter(|k| wanted[term.first + k]).collect();
+        for chunk in free.chunks(DIRECTIONS) {
+            let mut duals: Vec<Dual> = term.of(p).iter().map(|&x| constant(x)).collect();
+            for (direction, &k) in chunk.iter().enumerate() {
+                duals[k] = seeded(duals[k].re, direction);
+            }
+            if term.effect.stage() == Stage::Elastic {
+                for (dual, wrench) in self
+                    .dual_wrenches
+                    .iter_mut()
+                    .zip(&self.statics.local_wrench)
+                {
+                    *dual = wrench.map(constant);
+                }
+            }
+            self.dual_displacements.fill(constant(0.0));
+            let mut posture = Posture {
+                setup: &model.setup,
+                reading,
+                wrenches: &self.dual_wrenches,
+                displacements: &mut self.dual_displacements,
+                base_from_tracker: DualQuaternion::identity(),
+                link_from_target: DualQuaternion::identity(),
+            };
+            if term.effect.stage() == Stage::Instrument {
+                // frames compose: all instrument effects act in turn, this one with derivatives
+                for (other, t) in model.terms.iter().enumerate() {
+                    if other == index {
+                        term.effect.perturb_dual(&duals, &mut posture);
+                    } else if t.effect.stage() == Stage::Instrument {
+                        let p: Vec<Dual> = t.of(p).iter().map(|&x| constant(x)).collect();
+                        t.effect.perturb_dual(&p, &mut posture);
+                    }
+                }
+            } else {
+                term.effect.perturb_dual(&duals, &mut posture);
+            }
+            let (tracker, target) = (posture.base_from_tracker, posture.link_from_target);
+            for (slot, value) in self.dual_displacements.iter().enumerate() {
+                let Some(rates) = rates(value) else { continue };
+                for (direction, &k) in chunk.iter().enumerate() {
+                    if rates[direction] != 0.0 {
+                        self.entries.push(Entry {
+                            slot,
+                            parameter: term.first + k,
+                            value: rates[direction],
+                        });
+                    }
+                }
+            }
+            if term.effect.stage() == Stage::Instrument {
+                for (direction, &k) in chunk.iter().enumerate() {
+                    let by_tracker = screw_of(&tracker, direction);
+                    let by_target = self.in_base(model, reading, &screw_of(&target, direction));
+                    let net = Screw {
+                        linear: by_target.linear - by_tracker.linear,
+                        angular: by_target.angular - by_tracker.angular,
+                    };
+                    let row = self.seen(model, reading, &net);
+                    jacobian.set_column(term.first + k, &row);
+                }
+            }
+        }
+    }
+
+    /// A screw given in the target's link frame, in the base frame.
+    fn in_base(&self, model: &Model, reading: &Reading, screw: &Screw) -> Screw {
+        let link = &model.setup.robot.links[model.setup.targets[reading.target].link];
+        let base_from_link =
+            self.statics.body[link.body] * DualQuaternion::from_isometry(&link.body_from_link);
+        let angular = base_from_link.transform_vector(&screw.angular);
+        let origin = base_from_link.translation();
+        Screw {
+            linear: base_from_link.transform_vector(&screw.linear) - angular.cross(&origin),
+            angular,
+        }
+    }
+}
+
+impl Term {
+    /// This effect's part of the parameter vector.
+    pub fn of<'a>(&self, p: &'a [f64]) -> &'a [f64] {
+        &p[self.first..self.first + self.parameters.len()]
+    }
+}
+
+/// A dual number with unit derivative along one direction.
+fn seeded(value: f64, direction: usize) -> Dual {
+    let mut rates = SVector::<f64, DIRECTIONS>::zeros();
+    rates[direction] = 1.0;
+    Dual::new(value, num_dual::Derivative::some(rates))
+}
+
+/// The derivatives of a dual number, if it has any.
+fn rates(value: &Dual) -> Option<&SVector<f64, DIRECTIONS>> {
+    value.eps.0.as_ref()
+}
+
+/// Rate of a pose along one direction, as a screw at the origin of the frame that it maps into.
+fn screw_of(pose: &DualQuaternion<Dual>, direction: usize) -> Screw {
+    let part = |x: &Dual| rates(x).map_or(0.0, |r| r[direction]);
+    let value = |q: &nalgebra::Quaternion<Dual>| {
+        nalgebra::Quaternion::from(q.coords.map(|x| x.re))
+    };
+    let rate =
+        |q: &nalgebra::Quaternion<Dual>| nalgebra::Quaternion::from(q.coords.map(|x| part(&x)));
+    let (real, dual) = (value(&pose.real), value(&pose.dual));
+    let (real_rate, dual_rate) = (rate(&pose.real), rate(&pose.dual));
+    Screw {
+        linear: (dual_rate * real.conjugate() + real_rate * dual.conjugate()).imag() * 2.0,
+        angular: (real_rate * real.conjugate()).imag() * 2.0,
+    }
+}
+
+/// Inverse of the right Jacobian of SO(3): `log(R exp(-ω)) ≈ log R - J⁻¹ ω`.
+///
+/// Source: Barfoot 2017, *State Estimation for Robotics*, eq. 7.76.
+pub fn right_jacobian_inverse(vector: &Vector3<f64>) -> Matrix3<f64> {
+    let cross = vector.cross_matrix();
+    let angle2 = vector.norm_squared();
+    let b = if angle2 < 1e-8 {
+        1.0 / 12.0 + angle2 / 720.0
+    } else {
+        let angle = angle2.sqrt();
+        1.0 / angle2 - 1.0 / (2.0 * angle * (angle / 2.0).tan())
+    };
+    Matrix3::identity() + cross * 0.5 + cross * cross * b
+}

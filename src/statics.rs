@@ -1,0 +1,326 @@
+//! The loaded arm: kinematics from displacements, wrenches from loads, and how both change with every
+//! displacement, in closed form.
+//!
+//! Frames: for each joint the *joint frame* turns with the joint; the node's displacement sits behind it, and
+//! the body (its links, its mass, further joints) behind that. All quantities here are in the base frame
+//! unless their name says `local`.
+
+use crate::campaign::{Reading, Wrench};
+use crate::dual_quaternion::DualQuaternion;
+use crate::posture::{NODE, node_slot};
+use crate::robot::JointKind;
+use crate::setup::Setup;
+use nalgebra::{Matrix3, Vector3, Vector6};
+
+/// What a robot carries in one reading.
+#[derive(Debug, Clone, Copy)]
+pub struct Load {
+    /// Body of the target.
+    pub body: usize,
+    /// Dead weight, kg, and its centre in the body's frame, m.
+    pub payload: Option<(f64, Vector3<f64>)>,
+    /// Wrench that turns with the body, at a point of it, in the body's frame.
+    pub follower: Option<(Wrench, Vector3<f64>)>,
+}
+
+impl Load {
+    /// The load that a reading was taken under: its payload if it has one, else its measured wrench.
+    ///
+    /// A known weight is better than a sensor: at 1.5 N of load a sensor noise of 0.2 N biases stiffness
+    /// by up to 31 %.
+    pub fn of(setup: &Setup, reading: &Reading) -> Self {
+        let link = &setup.robot.links[setup.targets[reading.target].link];
+        let payload = reading
+            .payload
+            .map(|payload| (payload.mass, link.body_from_link * nalgebra::Point3::from(payload.com)));
+        let follower = match (payload, reading.wrench) {
+            (None, Some(wrench)) => {
+                let turn = link.body_from_link.rotation;
+                let wrench = Wrench {
+                    force: turn * wrench.force,
+                    torque: turn * wrench.torque,
+                };
+                Some((wrench, link.body_from_link.translation.vector))
+            }
+            _ => None,
+        };
+        Self {
+            body: link.body,
+            payload: payload.map(|(mass, com)| (mass, com.coords)),
+            follower,
+        }
+    }
+}
+
+/// Velocity field of an infinitesimal motion: `v(x) = linear + angular × x`.
+#[derive(Debug, Clone, Copy)]
+pub struct Screw {
+    /// Velocity of the point at the base origin.
+    pub linear: Vector3<f64>,
+    /// Angular velocity.
+    pub angular: Vector3<f64>,
+}
+
+impl Screw {
+    /// Velocity at a point.
+    pub fn at(&self, point: &Vector3<f64>) -> Vector3<f64> {
+        self.linear + self.angular.cross(point)
+    }
+}
+
+/// Composed posture of all bodies with their loads; a buffer to be used again and again.
+#[derive(Debug, Clone)]
+pub struct Statics {
+    /// By node: pose of the joint frame.
+    joint_frame: Vec<DualQuaternion<f64>>,
+    /// By node: rotation matrix of the joint frame.
+    rotation: Vec<Matrix3<f64>>,
+    /// By node: origin of the joint frame.
+    origin: Vec<Vector3<f64>>,
+    /// By body: pose, behind the node's displacement.
+    pub body: Vec<DualQuaternion<f64>>,
+    /// By node: mass of it and all it carries, kg.
+    mass: Vec<f64>,
+    /// By node: Σ m r of the same about the base origin, kg·m.
+    moment: Vec<Vector3<f64>>,
+    /// By node: `[f; m]` about the joint frame's origin, in the joint frame.
+    pub local_wrench: Vec<Vector6<f64>>,
+    /// Nodes from the base to the loaded body, base first.
+    loaded: Vec<usize>,
+    /// The follower wrench and its point.
+    follower: Option<(Wrench, Vector3<f64>)>,
+    gravity: Vector3<f64>,
+    /// By pair of nodes: does the first carry the second?
+    carries: Vec<bool>,
+    constants: Vec<DualQuaternion<f64>>,
+}
+
+impl Statics {
+    /// Buffers for a robot.
+    pub fn new(setup: &Setup) -> Self {
+        let nodes = setup.robot.bodies.len();
+        let mut carries = vec![false; nodes * nodes];
+        for node in 0..nodes {
+            let mut above = node;
+            loop {
+                carries[above * nodes + node] = true;
+                if above == 0 {
+                    break;
+                }
+                above = setup.robot.joints[above - 1].parent;
+            }
+        }
+        Self {
+            joint_frame: vec![DualQuaternion::identity(); nodes],
+            rotation: vec![Matrix3::identity(); nodes],
+            origin: vec![Vector3::zeros(); nodes],
+            body: vec![DualQuaternion::identity(); nodes],
+            mass: vec![0.0; nodes],
+            moment: vec![Vector3::zeros(); nodes],
+            local_wrench: vec![Vector6::zeros(); nodes],
+            loaded: Vec::new(),
+            follower: None,
+            gravity: setup.gravity,
+            carries,
+            constants: setup
+                .robot
+                .joints
+                .iter()
+                .map(|joint| DualQuaternion::from_isometry(&joint.parent_from_joint))
+                .collect(),
+        }
+    }
+
+    /// Places every body: encoder angles plus displacements.
+    pub fn place(&mut self, setup: &Setup, joints: &[f64], displacements: &[f64]) {
+        self.body[0] = displaced(DualQuaternion::identity(), setup, 0, displacements);
+        for (j, joint) in setup.robot.joints.iter().enumerate() {
+            let q = joints[j] + displacements[j];
+            let motion = match joint.kind {
+                JointKind::Prismatic => DualQuaternion::from_translation(*joint.axis * q),
+                _ => DualQuaternion::from_axis_angle(*joint.axis, q),
+            };
+            let frame = self.body[joint.parent] * self.constants[j] * motion;
+            self.joint_frame[j + 1] = frame;
+            self.rotation[j + 1] = frame.rotation().to_rotation_matrix().into_inner();
+            self.origin[j + 1] = frame.translation();
+            self.body[j + 1] = displaced(frame, setup, j + 1, displacements);
+        }
+    }
+
+    /// Sums weights and loads from the tips to the base; needs [`Statics::place`] first.
+    pub fn load(&mut self, setup: &Setup, load: &Load) {
+        for (node, body) in setup.robot.bodies.iter().enumerate() {
+            self.mass[node] = body.mass;
+            self.moment[node] = self.body[node].transform_point(&body.com) * body.mass;
+        }
+        if let Some((mass, com)) = load.payload {
+            self.mass[load.body] += mass;
+            self.moment[load.body] += self.body[load.body].transform_point(&com) * mass;
+        }
+        for node in (1..self.mass.len()).rev() {
+            let parent = setup.robot.joints[node - 1].parent;
+            self.mass[parent] += self.mass[node];
+            let moment = self.moment[node];
+            self.moment[parent] += moment;
+        }
+        self.loaded.clear();
+        self.follower = load.follower.map(|(wrench, point)| {
+            let mut node = load.body;
+            while node > 0 {
+                self.loaded.push(node);
+                node = setup.robot.joints[node - 1].parent;
+            }
+            self.loaded.push(0);
+            let body = &self.body[load.body];
+            let turned = Wrench {
+                force: body.transform_vector(&wrench.force),
+                torque: body.transform_vector(&wrench.torque),
+            };
+            (turned, body.transform_point(&point))
+        });
+        for node in 0..self.mass.len() {
+            let mut force = self.gravity * self.mass[node];
+            let mut torque = self.lever(node).cross(&self.gravity);
+            if let Some((wrench, point)) = &self.follower
+                && self.loaded.contains(&node)
+            {
+                force += wrench.force;
+                torque += wrench.torque + (point - self.origin[node]).cross(&wrench.force);
+            }
+            let back = self.rotation[node].transpose();
+            let (force, torque) = (back * force, back * torque);
+            self.local_wrench[node] =
+                Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
+        }
+    }
+
+    /// Σ m (r - o) of what a node carries about its joint frame's origin.
+    fn lever(&self, node: usize) -> Vector3<f64> {
+        self.moment[node] - self.origin[node] * self.mass[node]
+    }
+
+    /// Motion of everything behind a displacement, per unit of it.
+    pub fn screw(&self, setup: &Setup, slot: usize, displacements: &[f64]) -> Screw {
+        let joints = setup.robot.joints.len();
+        if slot < joints {
+            let node = slot + 1;
+            let axis = self.rotation[node] * *setup.robot.joints[slot].axis;
+            return match setup.robot.joints[slot].kind {
+                JointKind::Prismatic => Screw {
+                    linear: axis,
+                    angular: Vector3::zeros(),
+                },
+                _ => Screw {
+                    linear: self.origin[node].cross(&axis),
+                    angular: axis,
+                },
+            };
+        }
+        let (node, component) = ((slot - joints) / NODE, (slot - joints) % NODE);
+        if component < 3 {
+            return Screw {
+                linear: self.rotation[node].column(component).into_owned(),
+                angular: Vector3::zeros(),
+            };
+        }
+        let first = node_slot(setup, node);
+        let vector = Vector3::from_column_slice(&displacements[first + 3..first + 6]);
+        let angular = self.rotation[node] * left_jacobian(&vector).column(component - 3);
+        Screw {
+            linear: self.body[node].translation().cross(&angular),
+            angular,
+        }
+    }
+
+    /// Node behind which a displacement sits, and whether it turns that node's joint frame with it.
+    pub fn node_of(&self, setup: &Setup, slot: usize) -> (usize, bool) {
+        let joints = setup.robot.joints.len();
+        if slot < joints {
+            (slot + 1, true)
+        } else {
+            ((slot - joints) / NODE, false)
+        }
+    }
+
+    /// Does `node` carry the body `other` (itself included)?
+    pub fn carries(&self, node: usize, other: usize) -> bool {
+        self.carries[node * self.mass.len() + other]
+    }
+
+    /// A row over local wrenches of a node, turned into the base frame: (over forces, over moments).
+    pub fn world_row(&self, node: usize, row: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
+        let force = row.fixed_rows::<3>(0).into_owned();
+        let torque = row.fixed_rows::<3>(3).into_owned();
+        (self.rotation[node] * force, self.rotation[node] * torque)
+    }
+
+    /// Change of `row · local_wrench[node]` when a displacement moves what it carries by `screw`: the
+    /// geometric stiffness of the loads.
+    ///
+    /// `row` in the base frame, from [`Statics::world_row`].
+    pub fn wrench_rate(
+        &self,
+        (row_force, row_torque): (&Vector3<f64>, &Vector3<f64>),
+        node: usize,
+        (moved, turns_joint_frame): (usize, bool),
+        screw: &Screw,
+    ) -> f64 {
+        let frame_moves = self.carries(moved, node) && (moved != node || turns_joint_frame);
+        if frame_moves {
+            // the node and all it carries turn together; only the weights keep their direction
+            let turned = self.gravity.cross(&screw.angular);
+            return row_force.dot(&turned) * self.mass[node]
+                + row_torque.dot(&self.lever(node).cross(&turned));
+        }
+        if !self.carries(node, moved) {
+            return 0.0;
+        }
+        let swept = screw.linear * self.mass[moved] + screw.angular.cross(&self.moment[moved]);
+        let mut rate = row_torque.dot(&swept.cross(&self.gravity));
+        if let Some((wrench, point)) = &self.follower
+            && self.loaded.contains(&moved)
+        {
+            let force = screw.angular.cross(&wrench.force);
+            let torque = screw.at(point).cross(&wrench.force)
+                + (point - self.origin[node]).cross(&force)
+                + screw.angular.cross(&wrench.torque);
+            rate += row_force.dot(&force) + row_torque.dot(&torque);
+        }
+        rate
+    }
+}
+
+/// The frame behind a node's displacement.
+fn displaced(
+    frame: DualQuaternion<f64>,
+    setup: &Setup,
+    node: usize,
+    displacements: &[f64],
+) -> DualQuaternion<f64> {
+    let first = node_slot(setup, node);
+    let d = &displacements[first..first + NODE];
+    if d.iter().all(|&x| x == 0.0) {
+        return frame;
+    }
+    let rotation = crate::dual_quaternion::rotation_exp(&Vector3::new(d[3], d[4], d[5]));
+    frame * DualQuaternion::from_parts(Vector3::new(d[0], d[1], d[2]), rotation)
+}
+
+/// Left Jacobian of SO(3): `d exp(φ) = [J dφ]× exp(φ)`.
+///
+/// Source: Barfoot 2017, *State Estimation for Robotics*, eq. 7.77.
+pub fn left_jacobian(vector: &Vector3<f64>) -> Matrix3<f64> {
+    let cross = vector.cross_matrix();
+    let angle2 = vector.norm_squared();
+    let (a, b) = if angle2 < 1e-8 {
+        (0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0)
+    } else {
+        let angle = angle2.sqrt();
+        (
+            (1.0 - angle.cos()) / angle2,
+            (angle - angle.sin()) / (angle2 * angle),
+        )
+    };
+    Matrix3::identity() + cross * a + cross * cross * b
+}
