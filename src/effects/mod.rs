@@ -18,8 +18,6 @@ use serde::de::DeserializeOwned;
 use std::fmt::Debug;
 use std::sync::Arc;
 
-pub use joint_compliance::{StiffnessPreset, preset_stiffness};
-
 /// Every effect, in the order of the tables and of the default model.
 pub const CATALOGUE: &[Entry] = &[
     entry::<tracker_frame::TrackerFrame>(include_str!("tracker_frame.rs")),

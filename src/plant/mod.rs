@@ -51,3 +51,20 @@ pub struct Load {
 
 /// Adds to the joint angles that a command asks for: `law(command, angles)`.
 pub type CommandLaw = Box<dyn Fn(&Command, &mut [f64]) + Send + Sync>;
+
+/// Why there is no plant, or no state of it.
+#[derive(Debug, thiserror::Error)]
+pub enum PlantError {
+    /// A value the plant cannot realise.
+    #[error("{effect}.{parameter}: the plant cannot realise {found}; accepted: {accepted}")]
+    Value {
+        /// Effect.
+        effect: &'static str,
+        /// Parameter.
+        parameter: String,
+        /// The value.
+        found: f64,
+        /// What would do.
+        accepted: &'static str,
+    },
+}
