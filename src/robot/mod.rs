@@ -5,9 +5,16 @@
 //! Joints come parents first, so one pass over them in order visits every parent before its children.
 
 mod dh;
+mod error;
+mod tree;
 mod urdf;
+mod xml;
+
+use std::path::Path;
 
 use nalgebra::{Isometry3, Unit, Vector3};
+
+pub use error::RobotError;
 
 /// A serial or branched arm. Lengths in m, angles in rad, masses in kg.
 #[derive(Debug, Clone, PartialEq)]
@@ -96,4 +103,77 @@ pub enum Shape {
     Cylinder(f64, f64),
     /// Radius.
     Sphere(f64),
+}
+
+impl Robot {
+    /// Reads a robot file: `.urdf` or `.xml` is a URDF, `.toml` a DH table.
+    ///
+    /// `base` names the link all poses refer to; only what hangs on it is kept. Without it the root is the base.
+    /// Meshes are not used, but one that is missing is reported: the file was then moved without its parts.
+    ///
+    /// # Errors
+    /// Whatever keeps the file from being one serial or branched arm, naming the file and the place in it.
+    pub fn load(path: &Path, base: Option<&str>) -> Result<Robot, RobotError> {
+        let file_name = path.display().to_string();
+        let text = error::read_text(path, &file_name)?;
+        read(&file_name, &text, base, path.parent())
+    }
+
+    /// The same for text already in memory; `file_name` decides the format and appears in messages.
+    ///
+    /// # Errors
+    /// As [`Robot::load`], except that there is no folder in which a mesh could be missing.
+    pub fn parse(file_name: &str, text: &str, base: Option<&str>) -> Result<Robot, RobotError> {
+        read(file_name, text, base, None)
+    }
+
+    /// Index of the moving joint of this name.
+    pub fn joint(&self, name: &str) -> Option<usize> {
+        self.joints.iter().position(|joint| joint.name == name)
+    }
+
+    /// Index of the link of this name.
+    pub fn link(&self, name: &str) -> Option<usize> {
+        self.links.iter().position(|link| link.name == name)
+    }
+
+    /// Indices of the joints that move `body`, from the base outwards; empty for the base.
+    pub fn chain(&self, mut body: usize) -> Vec<usize> {
+        let mut chain = Vec::new();
+        while let Some(index) = body.checked_sub(1)
+            && let Some(joint) = self.joints.get(index)
+            && chain.len() < self.joints.len()
+        {
+            chain.push(index);
+            body = joint.parent;
+        }
+        chain.reverse();
+        chain
+    }
+}
+
+fn read(
+    file: &str,
+    text: &str,
+    base: Option<&str>,
+    folder: Option<&Path>,
+) -> Result<Robot, RobotError> {
+    error::check_size(file, text.len() as u64)?;
+    // Editors on some systems put a byte order mark first; neither parser wants it.
+    let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let ending = Path::new(file)
+        .extension()
+        .and_then(|ending| ending.to_str())
+        .unwrap_or_default()
+        .to_ascii_lowercase();
+    let tree = match ending.as_str() {
+        "urdf" | "xml" => urdf::read(file, text, folder)?,
+        "toml" => dh::read(file, text)?,
+        _ => {
+            return Err(RobotError::Ending {
+                file: file.to_owned(),
+            });
+        }
+    };
+    tree.assemble(file, base)
 }

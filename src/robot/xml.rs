@@ -1,0 +1,263 @@
+//! The outline of a URDF's text: what the XML parser must never see, and where each link and joint begins.
+//!
+//! The parser behind `urdf-rs` recurses over nested elements, reads `xyz="0 x 1 2"` as three numbers and names no
+//! line in its errors. So the text is first cut into tags by a strict grammar; only the links, joints and materials
+//! pass, stripped of comments and text, and a part can later be blamed by name and line.
+
+use super::RobotError;
+use super::tree::{MAX_LINKS, too_many_links};
+
+/// `robot/link/visual/material/color` is 5 deep; extensions go a little further.
+const MAX_DEPTH: usize = 32;
+/// Attributes that hold several numbers.
+const VECTORS: [&str; 6] = ["xyz", "rpy", "size", "rgba", "scale", "quat_xyzw"];
+
+/// The parts of a URDF that matter here.
+pub(super) struct Outline<'a> {
+    /// The `<robot …>` tag.
+    pub root: &'a str,
+    /// Links, joints and materials directly below it, in file order.
+    pub parts: Vec<Part<'a>>,
+}
+
+/// One link, joint or material with everything in it.
+pub(super) struct Part<'a> {
+    kind: &'a str,
+    name: Option<&'a str>,
+    line: usize,
+    /// Its tags, without comments and text.
+    pub text: String,
+}
+
+impl Part<'_> {
+    /// How a message names it.
+    pub fn place(&self) -> String {
+        match self.name {
+            Some(name) => format!("{} \"{name}\" (line {})", self.kind, self.line),
+            None => format!("{} (line {})", self.kind, self.line),
+        }
+    }
+}
+
+impl Outline<'_> {
+    /// A URDF of only these parts.
+    pub fn document<'b>(&self, parts: impl IntoIterator<Item = &'b Part<'b>>) -> String {
+        let mut text = self.root.to_owned();
+        for part in parts {
+            text += &part.text;
+        }
+        text + "</robot>"
+    }
+}
+
+struct Tag<'a> {
+    text: &'a str,
+    name: &'a str,
+    attributes: Vec<(&'a str, &'a str)>,
+    closing: bool,
+    empty: bool,
+}
+
+/// Reads the outline, refusing what is not well-formed.
+pub(super) fn outline<'a>(file: &str, text: &'a str) -> Result<Outline<'a>, RobotError> {
+    let mut open: Vec<(&str, usize)> = Vec::new();
+    let mut root: Option<&str> = None;
+    let mut parts: Vec<Part> = Vec::new();
+    // Whether the tags now read belong to the last part.
+    let mut inside = false;
+    let mut links = 0;
+    let mut rest = text;
+    let mut line = 1;
+    while let Some(start) = rest.find('<') {
+        line += newlines(&rest[..start]);
+        rest = &rest[start..];
+        let refuse = |found: String, accepted: &str| {
+            RobotError::refused(file, format!("line {line}"), found, accepted)
+        };
+        if let Some(skipped) = skip(rest).map_err(|(found, accepted)| refuse(found, accepted))? {
+            line += newlines(&rest[..skipped]);
+            rest = &rest[skipped..];
+            continue;
+        }
+        let tag = read_tag(rest).ok_or_else(|| {
+            let shown: String = rest.chars().take(40).take_while(|&c| c != '\n').collect();
+            refuse(
+                format!("`{shown}` is not a complete XML tag"),
+                "tags look like <link name=\"tool0\"/>",
+            )
+        })?;
+        if tag.name.starts_with("xacro:") {
+            return Err(refuse(
+                format!("<{}> is a xacro macro", tag.name),
+                "expand it first: xacro robot.urdf.xacro > robot.urdf",
+            ));
+        }
+        if tag.closing {
+            match open.pop() {
+                Some((name, _)) if name == tag.name => {}
+                Some((name, opened)) => {
+                    return Err(refuse(
+                        format!("</{}> where </{name}> is due", tag.name),
+                        &format!("<{name}> of line {opened} is still open"),
+                    ));
+                }
+                None => {
+                    return Err(refuse(
+                        format!("</{}> closes nothing", tag.name),
+                        "every closing tag needs an opening one",
+                    ));
+                }
+            }
+        } else if open.is_empty() {
+            if root.is_some() || tag.name != "robot" || tag.empty {
+                return Err(refuse(
+                    match tag.empty {
+                        true => format!("an empty <{}/> at the top", tag.name),
+                        false => format!("<{}> at the top", tag.name),
+                    },
+                    "a URDF is one <robot> element holding links and joints",
+                ));
+            }
+            root = Some(tag.text);
+        } else if open.len() == 1 {
+            inside = matches!(tag.name, "link" | "joint" | "material");
+            if inside {
+                links += usize::from(tag.name == "link");
+                if links > MAX_LINKS {
+                    return Err(too_many_links(file, links));
+                }
+                parts.push(Part {
+                    kind: tag.name,
+                    name: find(&tag, "name"),
+                    line,
+                    text: String::new(),
+                });
+            }
+        }
+        if inside && let Some(part) = parts.last_mut() {
+            if let Some((attribute, value)) = bad_vector(&tag) {
+                return Err(RobotError::refused(
+                    file,
+                    part.place(),
+                    format!("{attribute}=\"{value}\" on line {line}"),
+                    "only numbers separated by blanks are accepted",
+                ));
+            }
+            part.text += tag.text;
+        }
+        if !tag.closing && !tag.empty {
+            if open.len() == MAX_DEPTH {
+                return Err(refuse(
+                    format!("<{}> is nested {} deep", tag.name, MAX_DEPTH + 1),
+                    &format!("at most {MAX_DEPTH} levels are accepted"),
+                ));
+            }
+            open.push((tag.name, line));
+        }
+        inside = inside && open.len() > 1;
+        line += newlines(tag.text);
+        rest = &rest[tag.text.len()..];
+    }
+    let refuse = |found: String| {
+        RobotError::refused(
+            file,
+            "XML",
+            found,
+            "a URDF is one <robot> element holding links and joints",
+        )
+    };
+    if let Some((name, opened)) = open.pop() {
+        return Err(refuse(format!("<{name}> of line {opened} is never closed")));
+    }
+    let root = root.ok_or_else(|| refuse("there is no <robot> element".to_owned()))?;
+    Ok(Outline { root, parts })
+}
+
+/// Length of a comment, processing instruction or CDATA section that begins here.
+fn skip(text: &str) -> Result<Option<usize>, (String, &'static str)> {
+    for (begin, end) in [("<!--", "-->"), ("<?", "?>"), ("<![CDATA[", "]]>")] {
+        if let Some(inner) = text.strip_prefix(begin) {
+            return match inner.find(end) {
+                Some(length) => Ok(Some(begin.len() + length + end.len())),
+                None => Err((
+                    format!("{begin} is never closed"),
+                    "it ends before the file does",
+                )),
+            };
+        }
+    }
+    if text.starts_with("<!") {
+        // Entities are defined there: a few lines of them can stand for gigabytes.
+        return Err((
+            "a document type declaration".to_owned(),
+            "remove it: a URDF needs none, and entities are not expanded",
+        ));
+    }
+    Ok(None)
+}
+
+/// The tag that begins here, or `None` if it is malformed.
+fn read_tag(text: &str) -> Option<Tag<'_>> {
+    let mut rest = text.strip_prefix('<')?;
+    let closing = rest.starts_with('/');
+    rest = rest.strip_prefix('/').unwrap_or(rest);
+    let name = read_name(&mut rest)?;
+    let mut attributes = Vec::new();
+    loop {
+        rest = rest.trim_start();
+        let (end, empty) = match rest.as_bytes() {
+            [b'>', ..] => (1, false),
+            [b'/', b'>', ..] if !closing => (2, true),
+            _ => {
+                let attribute = read_name(&mut rest)?;
+                rest = rest.trim_start().strip_prefix('=')?.trim_start();
+                let quote = rest.chars().next().filter(|&c| c == '"' || c == '\'')?;
+                let (value, after) = rest[1..].split_once(quote)?;
+                if closing || value.contains('<') || attributes.iter().any(|&(n, _)| n == attribute)
+                {
+                    return None;
+                }
+                attributes.push((attribute, value));
+                rest = after;
+                continue;
+            }
+        };
+        return Some(Tag {
+            text: &text[..text.len() - rest.len() + end],
+            name,
+            attributes,
+            closing,
+            empty,
+        });
+    }
+}
+
+fn read_name<'a>(rest: &mut &'a str) -> Option<&'a str> {
+    let length = rest
+        .find(|c: char| !(c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | ':')))
+        .unwrap_or(rest.len());
+    let (name, after) = rest.split_at(length);
+    *rest = after;
+    (!name.is_empty()).then_some(name)
+}
+
+fn find<'a>(tag: &Tag<'a>, attribute: &str) -> Option<&'a str> {
+    let found = tag.attributes.iter().find(|(name, _)| *name == attribute);
+    found.map(|(_, value)| *value)
+}
+
+fn bad_vector<'a>(tag: &Tag<'a>) -> Option<(&'a str, &'a str)> {
+    tag.attributes
+        .iter()
+        .copied()
+        .filter(|(name, _)| VECTORS.contains(name))
+        .find(|(_, value)| {
+            value
+                .split_whitespace()
+                .any(|word| word.parse::<f64>().is_err())
+        })
+}
+
+fn newlines(text: &str) -> usize {
+    text.bytes().filter(|&b| b == b'\n').count()
+}
