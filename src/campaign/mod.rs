@@ -2,6 +2,24 @@
 //!
 //! A campaign holds readings only; the truth of a simulated one never enters it.
 
+mod check;
+mod columns;
+mod document;
+mod error;
+mod files;
+mod read;
+mod split;
+mod table;
+mod units;
+mod write;
+
+pub use error::CampaignError;
+
+pub(crate) use check::plain_file_name;
+pub(crate) use document::{Document, render as render_document};
+pub(crate) use files::{read_at_most, write_atomically};
+pub(crate) use table::unit_quaternion;
+
 use crate::robot::Robot;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 

@@ -1,0 +1,126 @@
+//! Reading a campaign from its files.
+
+use super::document::{Document, SplitRule};
+use super::error::CampaignError;
+use super::files::read_at_most;
+use super::{Campaign, RobotFile, split, table};
+use crate::recording;
+use crate::robot::Robot;
+use std::path::Path;
+
+/// Largest campaign file and robot file, bytes.
+const LARGEST_TEXT: u64 = 64_000_000;
+/// Largest table, bytes.
+const LARGEST_TABLE: u64 = 2_000_000_000;
+
+impl Campaign {
+    /// Reads a campaign: a `.toml` file with its CSV table and robot, or a `.mcap` recording.
+    ///
+    /// Paths in the file are relative to it. All units are converted to SI and radians.
+    ///
+    /// # Errors
+    ///
+    /// Whatever does not fit the format, with file, line and column, what was found and what
+    /// would be accepted.
+    pub fn load(path: &Path) -> Result<Self, CampaignError> {
+        match path.extension().and_then(|ending| ending.to_str()) {
+            Some("toml") => load_toml(path),
+            Some("mcap") => Ok(recording::read_campaign(path)?),
+            ending => Err(CampaignError::Kind {
+                file: path.display().to_string(),
+                found: match ending {
+                    Some(ending) => format!("a file ending in .{ending}"),
+                    None => "a file without an ending".into(),
+                },
+            }),
+        }
+    }
+}
+
+fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
+    let file = path.display().to_string();
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let document = Document::parse(&file, &read_text(path, &file)?)?;
+    let Some(table_name) = &document.table else {
+        return Err(CampaignError::Key {
+            file,
+            key: "table".into(),
+            found: "nothing".into(),
+            accepted: "the path of a CSV table, relative to this file".into(),
+        });
+    };
+
+    let robot_path = folder.join(&document.robot);
+    let robot_name = robot_path.display().to_string();
+    let robot_text = read_text(&robot_path, &robot_name)?;
+    let robot = Robot::parse(&robot_name, &robot_text, document.base.as_deref())?;
+    let settings = document.settle(&file, &robot)?;
+
+    let table_path = folder.join(table_name);
+    let table_file = table_path.display().to_string();
+    let bytes = read_bytes(&table_path, &table_file, LARGEST_TABLE, "2 GB")?;
+    let context = table::Context {
+        file: &table_file,
+        robot: &robot,
+        targets: &settings.targets,
+        split_column: match &settings.split {
+            SplitRule::Column(name) => Some(name),
+            _ => None,
+        },
+    };
+    let (mut readings, warnings) = table::parse(&context, &bytes)?;
+    if let SplitRule::Fraction(fraction, seed) = settings.split {
+        split::draw(&mut readings, fraction, seed);
+    }
+    Ok(Campaign {
+        name: file_name(path),
+        robot_file: RobotFile {
+            name: file_name(&robot_path),
+            text: robot_text,
+            base: document.base,
+        },
+        robot,
+        gravity: settings.gravity,
+        targets: settings.targets,
+        base_from_tracker: settings.base_from_tracker,
+        link_from_target: settings.link_from_target,
+        noise: settings.noise,
+        readings,
+        warnings,
+    })
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name()
+        .map(|name| name.to_string_lossy().into_owned())
+        .unwrap_or_default()
+}
+
+fn read_bytes(
+    path: &Path,
+    file: &str,
+    limit: u64,
+    limit_name: &str,
+) -> Result<Vec<u8>, CampaignError> {
+    let bytes = read_at_most(path, limit).map_err(|source| CampaignError::Read {
+        file: file.into(),
+        source,
+    })?;
+    bytes.ok_or_else(|| CampaignError::TooLarge {
+        file: file.into(),
+        limit: limit_name.into(),
+    })
+}
+
+fn read_text(path: &Path, file: &str) -> Result<String, CampaignError> {
+    let bytes = read_bytes(path, file, LARGEST_TEXT, "64 MB")?;
+    String::from_utf8(bytes).map_err(|error| {
+        let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
+        CampaignError::Row {
+            file: file.into(),
+            line: 1 + valid.iter().filter(|byte| **byte == b'\n').count(),
+            found: "bytes that are not UTF-8".into(),
+            accepted: "text in UTF-8".into(),
+        }
+    })
+}

@@ -1,0 +1,230 @@
+//! The messages of a recording: standard ROS 2 types, and one of our own for the rest.
+//!
+//! The fields stand in the order of the `.msg` texts, which are written into every file;
+//! CDR has no other way to tell them apart.
+
+use re_cdr::{BigEndian, LittleEndian};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+/// A message type with its name and its text.
+pub(super) trait Message: Serialize + DeserializeOwned {
+    /// `package/msg/Type`.
+    const NAME: &'static str;
+    /// Texts of the type and of everything in it: (`package/Type`, text), the type itself first.
+    const TEXTS: &'static [(&'static str, &'static str)];
+}
+
+/// The `ros2msg` schema: the type's text, then each dependency under a line of `=` and its name.
+pub(super) fn schema<M: Message>() -> String {
+    let mut schema = String::new();
+    for (index, (name, text)) in M::TEXTS.iter().enumerate() {
+        if index > 0 {
+            schema.push_str(&"=".repeat(80));
+            schema.push_str("\nMSG: ");
+            schema.push_str(name);
+            schema.push('\n');
+        }
+        schema.push_str(text);
+    }
+    schema
+}
+
+/// CDR bytes, little-endian, with the encapsulation header.
+pub(super) fn encode<M: Message>(message: &M) -> Result<Vec<u8>, String> {
+    // Alignment counts from after the header.
+    let mut bytes = vec![0, 1, 0, 0];
+    let body = re_cdr::to_vec::<M, LittleEndian>(message).map_err(|error| error.to_string())?;
+    bytes.extend(body);
+    Ok(bytes)
+}
+
+/// Reads CDR bytes of either byte order.
+pub(super) fn decode<M: Message>(bytes: &[u8]) -> Result<M, String> {
+    let decoded = match bytes {
+        [0, 1, _, _, body @ ..] => re_cdr::from_bytes::<M, LittleEndian>(body),
+        [0, 0, _, _, body @ ..] => re_cdr::from_bytes::<M, BigEndian>(body),
+        _ => return Err("bytes without a CDR header; accepted: plain CDR".into()),
+    };
+    decoded
+        .map(|(message, _)| message)
+        .map_err(|error| error.to_string())
+}
+
+macro_rules! text {
+    ($package:literal, $name:literal) => {
+        (
+            concat!($package, "/", $name),
+            include_str!(concat!("msg/", $package, "_", $name, ".msg")),
+        )
+    };
+}
+
+const TIME: (&str, &str) = text!("builtin_interfaces", "Time");
+const HEADER: (&str, &str) = text!("std_msgs", "Header");
+const POINT: (&str, &str) = text!("geometry_msgs", "Point");
+const VECTOR3: (&str, &str) = text!("geometry_msgs", "Vector3");
+const QUATERNION: (&str, &str) = text!("geometry_msgs", "Quaternion");
+
+/// Seconds and nanoseconds since the start, or since 1970 if the campaign's times are such.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Time {
+    pub(super) sec: i32,
+    pub(super) nanosec: u32,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Header {
+    pub(super) stamp: Time,
+    pub(super) frame_id: String,
+}
+
+/// `std_msgs/msg/String`.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Text {
+    pub(super) data: String,
+}
+
+impl Message for Text {
+    const NAME: &'static str = "std_msgs/msg/String";
+    const TEXTS: &'static [(&'static str, &'static str)] = &[text!("std_msgs", "String")];
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct JointState {
+    pub(super) header: Header,
+    pub(super) name: Vec<String>,
+    /// Encoder angles, rad or m.
+    pub(super) position: Vec<f64>,
+    pub(super) velocity: Vec<f64>,
+    pub(super) effort: Vec<f64>,
+}
+
+impl Message for JointState {
+    const NAME: &'static str = "sensor_msgs/msg/JointState";
+    const TEXTS: &'static [(&'static str, &'static str)] =
+        &[text!("sensor_msgs", "JointState"), HEADER, TIME];
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Temperature {
+    pub(super) header: Header,
+    /// °C.
+    pub(super) temperature: f64,
+    /// Zero: unknown.
+    pub(super) variance: f64,
+}
+
+impl Message for Temperature {
+    const NAME: &'static str = "sensor_msgs/msg/Temperature";
+    const TEXTS: &'static [(&'static str, &'static str)] =
+        &[text!("sensor_msgs", "Temperature"), HEADER, TIME];
+}
+
+/// Three numbers: `Vector3` and `Point` alike.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Xyz {
+    pub(super) x: f64,
+    pub(super) y: f64,
+    pub(super) z: f64,
+}
+
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub(super) struct Xyzw {
+    pub(super) x: f64,
+    pub(super) y: f64,
+    pub(super) z: f64,
+    pub(super) w: f64,
+}
+
+/// Nested structs are flat in CDR, so `Pose` needs no struct of its own.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct PoseStamped {
+    pub(super) header: Header,
+    pub(super) position: Xyz,
+    pub(super) orientation: Xyzw,
+}
+
+impl Message for PoseStamped {
+    const NAME: &'static str = "geometry_msgs/msg/PoseStamped";
+    const TEXTS: &'static [(&'static str, &'static str)] = &[
+        text!("geometry_msgs", "PoseStamped"),
+        HEADER,
+        TIME,
+        text!("geometry_msgs", "Pose"),
+        POINT,
+        QUATERNION,
+    ];
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct WrenchStamped {
+    pub(super) header: Header,
+    /// N.
+    pub(super) force: Xyz,
+    /// N·m.
+    pub(super) torque: Xyz,
+}
+
+impl Message for WrenchStamped {
+    const NAME: &'static str = "geometry_msgs/msg/WrenchStamped";
+    const TEXTS: &'static [(&'static str, &'static str)] = &[
+        text!("geometry_msgs", "WrenchStamped"),
+        HEADER,
+        TIME,
+        text!("geometry_msgs", "Wrench"),
+        VECTOR3,
+    ];
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct TransformStamped {
+    pub(super) header: Header,
+    pub(super) child_frame_id: String,
+    pub(super) translation: Xyz,
+    pub(super) rotation: Xyzw,
+}
+
+/// Transforms of many frames at one time.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Transforms {
+    pub(super) transforms: Vec<TransformStamped>,
+}
+
+impl Message for Transforms {
+    const NAME: &'static str = "tf2_msgs/msg/TFMessage";
+    const TEXTS: &'static [(&'static str, &'static str)] = &[
+        text!("tf2_msgs", "TFMessage"),
+        text!("geometry_msgs", "TransformStamped"),
+        HEADER,
+        TIME,
+        text!("geometry_msgs", "Transform"),
+        VECTOR3,
+        QUATERNION,
+    ];
+}
+
+/// What the standard types lack; see `msg/misfit_msgs_Reading.msg`.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct ReadingMessage {
+    pub(super) header: Header,
+    pub(super) line: u64,
+    pub(super) target: String,
+    pub(super) pose: Vec<String>,
+    pub(super) repeat: Vec<String>,
+    pub(super) heldout: bool,
+    pub(super) has_orientation: bool,
+    pub(super) has_wrench: bool,
+    pub(super) time: Vec<f64>,
+    pub(super) temperature: Vec<f64>,
+    pub(super) temperature_links: Vec<String>,
+    pub(super) link_temperatures: Vec<f64>,
+    pub(super) approach: Vec<i8>,
+    pub(super) payload: Vec<f64>,
+}
+
+impl Message for ReadingMessage {
+    const NAME: &'static str = "misfit_msgs/msg/Reading";
+    const TEXTS: &'static [(&'static str, &'static str)] =
+        &[text!("misfit_msgs", "Reading"), HEADER, TIME];
+}

@@ -1,0 +1,36 @@
+//! Campaigns as MCAP recordings of the `ros2` profile: one file that viewers open and `misfit` reads back.
+//!
+//! All messages of one reading share its log time. Angles, tracker poses and wrenches stand in
+//! standard types on standard topics; [`misfit_msgs/msg/Reading`](messages) has the rest. The
+//! campaign file and the robot file are attached. Only this module speaks to the MCAP library.
+
+mod description;
+mod error;
+mod messages;
+mod read;
+mod transforms;
+mod write;
+
+pub use error::RecordingError;
+pub use read::read_campaign;
+pub use write::write_campaign;
+
+/// Name of the attached campaign file.
+const CAMPAIGN_FILE: &str = "campaign.toml";
+/// Name of the metadata record with what neither file nor messages carry.
+const CAMPAIGN_RECORD: &str = "campaign";
+/// Name of the metadata record that the caller fills: seed, versions.
+const RUN_RECORD: &str = "run";
+/// Value of `format` in the campaign record; a reader refuses any other.
+const FORMAT: &str = "misfit.campaign/1";
+/// Messages of the encoding.
+const CDR: &str = "cdr";
+
+const ROBOT_DESCRIPTION: &str = "/robot_description";
+const TF_STATIC: &str = "/tf_static";
+const TF: &str = "/tf";
+const JOINT_STATES: &str = "/joint_states";
+const TRACKER_POSE: &str = "/tracker/pose";
+const WRENCH: &str = "/wrist_ft/wrench";
+const TEMPERATURE: &str = "/temperature";
+const READING: &str = "/campaign/reading";

@@ -1,0 +1,416 @@
+//! Reading a campaign back from a recording.
+
+use super::error::RecordingError;
+use super::messages::{JointState, Message, PoseStamped, ReadingMessage, WrenchStamped, Xyz, decode};
+use super::{
+    CAMPAIGN_FILE, CAMPAIGN_RECORD, CDR, FORMAT, JOINT_STATES, READING, TRACKER_POSE, WRENCH,
+};
+use crate::campaign::{
+    Campaign, Document, Payload, Reading, RobotFile, Split, Target, Wrench, plain_file_name,
+    read_at_most, unit_quaternion,
+};
+use crate::robot::Robot;
+use mcap::read::ChannelAccumulator;
+use mcap::records::Record;
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use nalgebra::Vector3;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Largest recording, and the most that its messages may unpack to, bytes.
+const LARGEST: u64 = 2_000_000_000;
+const LARGEST_NAME: &str = "2 GB";
+/// Largest single record, bytes; ours are thousands of times smaller.
+const LARGEST_RECORD: usize = 256_000_000;
+
+/// Reads a recording written by [`write_campaign`](super::write_campaign), equal in every bit.
+///
+/// Topics, attachments and metadata it does not know are passed over.
+///
+/// # Errors
+///
+/// A file that is not MCAP, is cut off or damaged, is not of a campaign, or whose messages do not
+/// fit one another.
+pub fn read_campaign(path: &Path) -> Result<Campaign, RecordingError> {
+    let file = path.display().to_string();
+    let bytes = read_at_most(path, LARGEST).map_err(|source| RecordingError::Read {
+        file: file.clone(),
+        source,
+    })?;
+    let Some(bytes) = bytes else {
+        return Err(RecordingError::TooLarge {
+            file,
+            limit: LARGEST_NAME.into(),
+        });
+    };
+    let contents = Contents::read(&file, &bytes)?;
+    let campaign = contents.campaign(&file)?;
+    campaign
+        .check()
+        .map_err(|problem| RecordingError::Inconsistent { file, problem })?;
+    Ok(campaign)
+}
+
+/// What a recording holds for us.
+#[derive(Default)]
+struct Contents {
+    attachments: BTreeMap<String, Vec<u8>>,
+    record: Option<BTreeMap<String, String>>,
+    joints: BTreeMap<u64, JointState>,
+    poses: BTreeMap<u64, PoseStamped>,
+    wrenches: BTreeMap<u64, WrenchStamped>,
+    /// In the order of the file.
+    readings: Vec<(u64, ReadingMessage)>,
+    unpacked: u64,
+}
+
+impl Contents {
+    /// Reads every record to the end, so that a file cut off anywhere is refused.
+    fn read(file: &str, bytes: &[u8]) -> Result<Self, RecordingError> {
+        let damaged = |error: mcap::McapError| RecordingError::Damaged {
+            file: file.into(),
+            problem: error.to_string(),
+        };
+        let options = LinearReaderOptions::default()
+            .with_validate_chunk_crcs(true)
+            .with_validate_data_section_crc(true)
+            .with_validate_summary_section_crc(true)
+            .with_check_finishes_after_end_magic(true)
+            .with_record_length_limit(LARGEST_RECORD);
+        let mut reader = LinearReader::new_with_options(options);
+        let mut rest = bytes;
+        let mut channels = ChannelAccumulator::default();
+        let mut contents = Self::default();
+        while let Some(event) = reader.next_event() {
+            match event.map_err(damaged)? {
+                LinearReadEvent::ReadRequest(wanted) => {
+                    let (next, after) = rest.split_at(wanted.min(rest.len()));
+                    reader.insert(wanted)[..next.len()].copy_from_slice(next);
+                    reader.notify_read(next.len());
+                    rest = after;
+                }
+                LinearReadEvent::Record { data, opcode } => {
+                    let record = mcap::parse_record(opcode, data).map_err(damaged)?;
+                    contents.take(file, record, &mut channels)?;
+                }
+            }
+        }
+        Ok(contents)
+    }
+
+    fn take(
+        &mut self,
+        file: &str,
+        record: Record<'_>,
+        channels: &mut ChannelAccumulator<'static>,
+    ) -> Result<(), RecordingError> {
+        let damaged = |error: mcap::McapError| RecordingError::Damaged {
+            file: file.into(),
+            problem: error.to_string(),
+        };
+        match record {
+            Record::Schema { header, data } => channels
+                .add_schema_from_slice(header, &data)
+                .map_err(damaged),
+            Record::Channel(channel) => channels.add_channel(channel).map_err(damaged),
+            Record::Message { header, data } => {
+                self.unpacked += data.len() as u64;
+                if self.unpacked > LARGEST {
+                    return Err(RecordingError::TooLarge {
+                        file: file.into(),
+                        limit: format!("{LARGEST_NAME} of messages"),
+                    });
+                }
+                let channel = channels.get(header.channel_id).ok_or_else(|| {
+                    damaged(mcap::McapError::UnknownChannel(
+                        header.sequence,
+                        header.channel_id,
+                    ))
+                })?;
+                self.message(file, &channel, header.log_time, &data)
+            }
+            Record::Attachment { header, data, .. } => {
+                match self.attachments.insert(header.name.clone(), data.into()) {
+                    None => Ok(()),
+                    Some(_) => Err(foreign(
+                        file,
+                        format!("two attachments called {:?}", header.name),
+                    )),
+                }
+            }
+            Record::Metadata(metadata) if metadata.name == CAMPAIGN_RECORD => {
+                self.record = Some(metadata.metadata);
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn message(
+        &mut self,
+        file: &str,
+        channel: &mcap::Channel<'_>,
+        time: u64,
+        data: &[u8],
+    ) -> Result<(), RecordingError> {
+        let at = Place {
+            file,
+            topic: &channel.topic,
+            time,
+        };
+        match channel.topic.as_str() {
+            JOINT_STATES => at.keep(&mut self.joints, at.decode(channel, data)?),
+            TRACKER_POSE => at.keep(&mut self.poses, at.decode(channel, data)?),
+            WRENCH => at.keep(&mut self.wrenches, at.decode(channel, data)?),
+            READING => {
+                self.readings.push((time, at.decode(channel, data)?));
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn campaign(mut self, file: &str) -> Result<Campaign, RecordingError> {
+        let record = self
+            .record
+            .take()
+            .ok_or_else(|| foreign(file, format!("no metadata record {CAMPAIGN_RECORD:?}")))?;
+        match record.get("format").map(String::as_str) {
+            Some(FORMAT) => {}
+            other => {
+                let found = format!("the format {other:?} where {FORMAT:?} is known");
+                return Err(foreign(file, found));
+            }
+        }
+        let name = record.get("name").cloned().unwrap_or_default();
+        // The map sorts the numbered keys.
+        let warnings = record
+            .into_iter()
+            .filter(|(key, _)| key.starts_with("warning_"))
+            .map(|(_, warning)| warning)
+            .collect();
+
+        let text = self.attachment(file, CAMPAIGN_FILE)?;
+        let inside = |name: &str| format!("{file}, attachment {name}");
+        let document_name = inside(CAMPAIGN_FILE);
+        let document = Document::parse(&document_name, &text)?;
+        plain_file_name(&document.robot).map_err(|problem| RecordingError::Inconsistent {
+            file: file.into(),
+            problem,
+        })?;
+        let robot_file = RobotFile {
+            text: self.attachment(file, &document.robot)?,
+            name: document.robot.clone(),
+            base: document.base.clone(),
+        };
+        let robot = Robot::parse(
+            &inside(&robot_file.name),
+            &robot_file.text,
+            robot_file.base.as_deref(),
+        )?;
+        let settings = document.settle(&document_name, &robot)?;
+
+        let mut readings = Vec::with_capacity(self.readings.len());
+        for (time, message) in std::mem::take(&mut self.readings) {
+            readings.push(self.reading(file, time, message, &robot, &settings.targets)?);
+        }
+        if readings.is_empty() {
+            return Err(foreign(file, format!("no message on {READING}")));
+        }
+        Ok(Campaign {
+            name,
+            robot,
+            robot_file,
+            gravity: settings.gravity,
+            targets: settings.targets,
+            base_from_tracker: settings.base_from_tracker,
+            link_from_target: settings.link_from_target,
+            noise: settings.noise,
+            readings,
+            warnings,
+        })
+    }
+
+    fn attachment(&mut self, file: &str, name: &str) -> Result<String, RecordingError> {
+        let bytes = self
+            .attachments
+            .remove(name)
+            .ok_or_else(|| foreign(file, format!("no attachment {name:?}")))?;
+        String::from_utf8(bytes)
+            .map_err(|_| foreign(file, format!("an attachment {name:?} that is not UTF-8")))
+    }
+
+    /// Joins the messages of one log time. Each is used once, so two readings cannot share them.
+    fn reading(
+        &mut self,
+        file: &str,
+        time: u64,
+        message: ReadingMessage,
+        robot: &Robot,
+        targets: &[Target],
+    ) -> Result<Reading, RecordingError> {
+        let at = |topic| Place { file, topic, time };
+        let joints = at(JOINT_STATES).found(self.joints.remove(&time))?;
+        let pose = at(TRACKER_POSE).found(self.poses.remove(&time))?;
+        let wrench = if message.has_wrench {
+            let wrench = at(WRENCH).found(self.wrenches.remove(&time))?;
+            Some(Wrench {
+                force: vector(&wrench.force),
+                torque: vector(&wrench.torque),
+            })
+        } else {
+            None
+        };
+        let here = at(READING);
+        let orientation = if message.has_orientation {
+            let q = &pose.orientation;
+            let q = unit_quaternion([q.w, q.x, q.y, q.z]).map_err(|norm| {
+                at(TRACKER_POSE).refuse(format!("a quaternion of norm {norm}; accepted: 1"))
+            })?;
+            Some(q)
+        } else {
+            None
+        };
+        let target = targets
+            .iter()
+            .position(|target| target.name == message.target)
+            .ok_or_else(|| here.refuse(format!("unknown target {:?}", message.target)))?;
+        if message.temperature_links.len() != message.link_temperatures.len() {
+            return Err(here.refuse("link temperatures and their links differ in number".into()));
+        }
+        let mut link_temperatures = Vec::new();
+        for (name, value) in message
+            .temperature_links
+            .iter()
+            .zip(message.link_temperatures)
+        {
+            let link = robot
+                .link(name)
+                .ok_or_else(|| here.refuse(format!("unknown link {name:?}")))?;
+            link_temperatures.push((link, value));
+        }
+        let payload = match message.payload[..] {
+            [] => None,
+            [mass, x, y, z] => Some(Payload {
+                mass,
+                com: Vector3::new(x, y, z),
+            }),
+            _ => return Err(here.refuse("payload is not mass and x, y, z".into())),
+        };
+        let line = usize::try_from(message.line)
+            .map_err(|_| here.refuse(format!("line {} is too large", message.line)))?;
+        let approach = message.approach.iter().map(|d| f64::from(*d)).collect();
+        Ok(Reading {
+            line,
+            pose: here.at_most_one("pose", message.pose)?,
+            repeat: here.at_most_one("repeat", message.repeat)?,
+            target,
+            split: match message.heldout {
+                true => Split::Heldout,
+                false => Split::Fit,
+            },
+            time: here.at_most_one("time", message.time)?,
+            temperature: here.at_most_one("temperature", message.temperature)?,
+            link_temperatures,
+            joints: at(JOINT_STATES).in_order(robot, &joints)?,
+            approach: (!message.approach.is_empty()).then_some(approach),
+            position: vector(&pose.position),
+            orientation,
+            wrench,
+            payload,
+        })
+    }
+}
+
+/// Where a message stands, for messages about it.
+struct Place<'a> {
+    file: &'a str,
+    topic: &'a str,
+    time: u64,
+}
+
+impl Place<'_> {
+    fn refuse(&self, problem: String) -> RecordingError {
+        RecordingError::Message {
+            file: self.file.into(),
+            topic: self.topic.into(),
+            log_time: self.time,
+            problem,
+        }
+    }
+
+    fn decode<M: Message>(
+        &self,
+        channel: &mcap::Channel<'_>,
+        data: &[u8],
+    ) -> Result<M, RecordingError> {
+        let schema = channel.schema.as_ref().map(|schema| schema.name.as_str());
+        if schema != Some(M::NAME) || channel.message_encoding != CDR {
+            return Err(self.refuse(format!(
+                "found {} as {:?}; accepted: {} as {CDR:?}",
+                schema.unwrap_or("no schema"),
+                channel.message_encoding,
+                M::NAME
+            )));
+        }
+        decode(data).map_err(|problem| self.refuse(problem))
+    }
+
+    fn keep<M>(&self, messages: &mut BTreeMap<u64, M>, message: M) -> Result<(), RecordingError> {
+        match messages.insert(self.time, message) {
+            None => Ok(()),
+            Some(_) => Err(self.refuse("two messages at one log time".into())),
+        }
+    }
+
+    fn found<M>(&self, message: Option<M>) -> Result<M, RecordingError> {
+        message.ok_or_else(|| {
+            self.refuse(format!(
+                "no message of its own for the reading on {READING} at this log time"
+            ))
+        })
+    }
+
+    fn at_most_one<T>(&self, what: &str, items: Vec<T>) -> Result<Option<T>, RecordingError> {
+        if items.len() > 1 {
+            return Err(self.refuse(format!("more than one {what}")));
+        }
+        Ok(items.into_iter().next())
+    }
+
+    /// Angles in the order of the robot's joints; other joints are not known here.
+    fn in_order(&self, robot: &Robot, state: &JointState) -> Result<Vec<f64>, RecordingError> {
+        let same_count = state.name.len() == robot.joints.len();
+        if !same_count || state.name.len() != state.position.len() {
+            return Err(self.refuse(format!(
+                "{} names and {} positions for {} joints",
+                state.name.len(),
+                state.position.len(),
+                robot.joints.len()
+            )));
+        }
+        robot
+            .joints
+            .iter()
+            .map(|joint| {
+                state
+                    .name
+                    .iter()
+                    .position(|name| *name == joint.name)
+                    .map(|index| state.position[index])
+                    .ok_or_else(|| self.refuse(format!("no position of joint {:?}", joint.name)))
+            })
+            .collect()
+    }
+}
+
+fn foreign(file: &str, found: String) -> RecordingError {
+    RecordingError::Foreign {
+        file: file.into(),
+        found,
+    }
+}
+
+fn vector(v: &Xyz) -> Vector3<f64> {
+    Vector3::new(v.x, v.y, v.z)
+}

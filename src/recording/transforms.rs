@@ -1,0 +1,111 @@
+//! Where every frame of the robot stands: for viewers, computed from the nominal robot.
+
+use super::messages::{Header, TransformStamped, Xyz, Xyzw};
+use crate::campaign::{Campaign, Frame};
+use crate::robot::{Joint, JointKind, Robot};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// Name of the tracker's frame, unlike any link's.
+pub(super) fn tracker_frame(robot: &Robot) -> String {
+    let mut name = String::from("tracker");
+    while robot.links.iter().any(|link| link.name == name) {
+        name.push('_');
+    }
+    name
+}
+
+/// Links fixed to their body, and the tracker if its place is known.
+pub(super) fn fixed(campaign: &Campaign, header: &Header) -> Vec<TransformStamped> {
+    let robot = &campaign.robot;
+    let mut transforms = Vec::new();
+    if let (Frame::Known(base_from_tracker), Some(base)) =
+        (campaign.base_from_tracker, robot.bodies.first())
+    {
+        // The first body's frame need not be that of the link it is named after.
+        let link_from_tracker = body_from_frame(robot, 0).inverse() * base_from_tracker;
+        let child = tracker_frame(robot);
+        transforms.push(stamped(header, &base.name, child, &link_from_tracker));
+    }
+    for link in &robot.links {
+        if let Some(body) = robot.bodies.get(link.body)
+            && body.name != link.name
+        {
+            let pose = body_from_frame(robot, link.body).inverse() * link.body_from_link;
+            transforms.push(stamped(header, &body.name, link.name.clone(), &pose));
+        }
+    }
+    transforms
+}
+
+/// Every moving joint at these angles, rad or m.
+pub(super) fn moving(robot: &Robot, joints: &[f64], header: &Header) -> Vec<TransformStamped> {
+    let mut transforms = Vec::with_capacity(robot.joints.len());
+    for (index, (joint, q)) in robot.joints.iter().zip(joints).enumerate() {
+        if let (Some(parent), Some(child)) =
+            (robot.bodies.get(joint.parent), robot.bodies.get(index + 1))
+        {
+            let pose = body_from_frame(robot, joint.parent).inverse()
+                * joint.parent_from_joint
+                * motion(joint, *q)
+                * body_from_frame(robot, index + 1);
+            transforms.push(stamped(header, &parent.name, child.name.clone(), &pose));
+        }
+    }
+    transforms
+}
+
+/// Frame of the link that a body is named after, in the body's frame.
+fn body_from_frame(robot: &Robot, body: usize) -> Isometry3<f64> {
+    robot
+        .links
+        .iter()
+        .find(|link| link.body == body && link.name == robot.bodies[body].name)
+        .map_or_else(Isometry3::identity, |link| link.body_from_link)
+}
+
+fn motion(joint: &Joint, q: f64) -> Isometry3<f64> {
+    match joint.kind {
+        JointKind::Revolute | JointKind::Continuous => Isometry3::from_parts(
+            Translation3::identity(),
+            UnitQuaternion::from_axis_angle(&joint.axis, q),
+        ),
+        JointKind::Prismatic => Isometry3::from_parts(
+            Translation3::from(joint.axis.into_inner() * q),
+            UnitQuaternion::identity(),
+        ),
+    }
+}
+
+fn stamped(
+    header: &Header,
+    parent: &str,
+    child: String,
+    parent_from_child: &Isometry3<f64>,
+) -> TransformStamped {
+    TransformStamped {
+        header: Header {
+            stamp: header.stamp.clone(),
+            frame_id: parent.to_owned(),
+        },
+        child_frame_id: child,
+        translation: xyz(&parent_from_child.translation.vector),
+        rotation: xyzw(&parent_from_child.rotation),
+    }
+}
+
+pub(super) fn xyz(v: &Vector3<f64>) -> Xyz {
+    Xyz {
+        x: v.x,
+        y: v.y,
+        z: v.z,
+    }
+}
+
+pub(super) fn xyzw(q: &UnitQuaternion<f64>) -> Xyzw {
+    Xyzw {
+        x: q.i,
+        y: q.j,
+        z: q.k,
+        w: q.w,
+    }
+}

@@ -1,0 +1,332 @@
+//! Writing a campaign as a recording.
+
+use super::error::RecordingError;
+use super::messages::{
+    Header, JointState, Message, PoseStamped, ReadingMessage, Temperature, Text, Time, Transforms,
+    WrenchStamped, encode, schema,
+};
+use super::transforms::{fixed, moving, tracker_frame, xyz, xyzw};
+use super::{
+    CAMPAIGN_FILE, CAMPAIGN_RECORD, CDR, FORMAT, JOINT_STATES, READING, ROBOT_DESCRIPTION,
+    RUN_RECORD, TEMPERATURE, TF, TF_STATIC, TRACKER_POSE, WRENCH, description,
+};
+use crate::campaign::{Campaign, Reading, Split, render_document, write_atomically};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::{Attachment, Compression, WriteOptions, Writer};
+use nalgebra::UnitQuaternion;
+use std::borrow::Cow;
+use std::collections::{BTreeMap, BTreeSet};
+use std::io::{self, Seek, Write};
+use std::path::Path;
+
+/// Writes a campaign as an MCAP file that [`read_campaign`](super::read_campaign) reads back equal.
+///
+/// `metadata` becomes the record `run`; `attachments` (name, bytes) stand beside the campaign's
+/// own. The same arguments give the same bytes. The file is written beside an old one and then
+/// renamed, so a failure leaves the old one whole.
+///
+/// Messages carry the time of their reading if every reading has one and they increase;
+/// otherwise readings are one second apart.
+///
+/// # Errors
+///
+/// What the file system says, or why the campaign could not be read back.
+pub fn write_campaign(
+    campaign: &Campaign,
+    path: &Path,
+    metadata: &BTreeMap<String, String>,
+    attachments: &[(String, Vec<u8>)],
+) -> Result<(), RecordingError> {
+    let file = path.display().to_string();
+    let inconsistent = |problem| RecordingError::Inconsistent {
+        file: file.clone(),
+        problem,
+    };
+    campaign.check().map_err(inconsistent)?;
+    let mut names = BTreeSet::from([CAMPAIGN_FILE, campaign.robot_file.name.as_str()]);
+    if let Some((twice, _)) = attachments.iter().find(|(name, _)| !names.insert(name)) {
+        return Err(inconsistent(format!(
+            "two attachments are called {twice:?}"
+        )));
+    }
+    write_atomically(path, |writer| fill(campaign, writer, metadata, attachments)).map_err(
+        |source| RecordingError::Write {
+            file: file.clone(),
+            source,
+        },
+    )
+}
+
+fn fill(
+    campaign: &Campaign,
+    file: impl Write + Seek,
+    metadata: &BTreeMap<String, String>,
+    attachments: &[(String, Vec<u8>)],
+) -> io::Result<()> {
+    let writer = WriteOptions::new()
+        .profile("ros2")
+        .library(concat!("misfit/", env!("CARGO_PKG_VERSION")))
+        .compression(Some(Compression::Zstd))
+        // One thread and a fixed level: the bytes must not depend on the machine.
+        .compression_threads(0)
+        .compression_level(3)
+        .chunk_size(Some(1 << 20))
+        .create(file)
+        .map_err(io::Error::other)?;
+    let mut recorder = Recorder {
+        channels: Channels::default(),
+        writer,
+    };
+    // What concerns the whole file comes before the messages, so that a reader of a stream has it.
+    let mut record = BTreeMap::from([
+        ("format".to_owned(), FORMAT.to_owned()),
+        ("name".to_owned(), campaign.name.clone()),
+    ]);
+    for (index, warning) in campaign.warnings.iter().enumerate() {
+        record.insert(format!("warning_{index:06}"), warning.clone());
+    }
+    recorder.metadata(CAMPAIGN_RECORD, record)?;
+    recorder.metadata(RUN_RECORD, metadata.clone())?;
+    let document = render_document(campaign, None);
+    recorder.attach(CAMPAIGN_FILE, document.as_bytes())?;
+    recorder.attach(
+        &campaign.robot_file.name,
+        campaign.robot_file.text.as_bytes(),
+    )?;
+    for (name, bytes) in attachments {
+        recorder.attach(name, bytes)?;
+    }
+    recorder.channels = Channels::add(&mut recorder.writer)?;
+    recorder.readings(campaign)?;
+    recorder.writer.finish().map_err(io::Error::other)?;
+    Ok(())
+}
+
+/// Log time of each reading, ns, strictly increasing.
+fn log_times(readings: &[Reading]) -> Vec<u64> {
+    const LATEST: f64 = i32::MAX as f64;
+    let measured: Option<Vec<u64>> = readings
+        .iter()
+        .map(|reading| match reading.time {
+            // A stamp has 31 bits of seconds.
+            Some(time) if (0.0..LATEST).contains(&time) => Some((time * 1e9).round() as u64),
+            _ => None,
+        })
+        .collect();
+    match measured {
+        Some(times) if times.is_sorted_by(|a, b| a < b) => times,
+        _ => (0..readings.len() as u64)
+            .map(|index| index * 1_000_000_000)
+            .collect(),
+    }
+}
+
+/// Ids of the channels, in the order in which they are made.
+#[derive(Default)]
+struct Channels {
+    robot_description: u16,
+    tf_static: u16,
+    joint_states: u16,
+    tf: u16,
+    tracker_pose: u16,
+    wrench: u16,
+    temperature: u16,
+    reading: u16,
+}
+
+impl Channels {
+    fn add<W: Write + Seek>(writer: &mut Writer<W>) -> io::Result<Self> {
+        Ok(Self {
+            robot_description: channel::<Text, W>(writer, ROBOT_DESCRIPTION, true)?,
+            tf_static: channel::<Transforms, W>(writer, TF_STATIC, true)?,
+            joint_states: channel::<JointState, W>(writer, JOINT_STATES, false)?,
+            tf: channel::<Transforms, W>(writer, TF, false)?,
+            tracker_pose: channel::<PoseStamped, W>(writer, TRACKER_POSE, false)?,
+            wrench: channel::<WrenchStamped, W>(writer, WRENCH, false)?,
+            temperature: channel::<Temperature, W>(writer, TEMPERATURE, false)?,
+            reading: channel::<ReadingMessage, W>(writer, READING, false)?,
+        })
+    }
+}
+
+/// A channel with its schema; a latched one is seen by whoever joins late.
+fn channel<M: Message, W: Write + Seek>(
+    writer: &mut Writer<W>,
+    topic: &str,
+    latched: bool,
+) -> io::Result<u16> {
+    // Integers, which old and new versions of rosbag2 read; words fail on the older ones.
+    let durability = if latched { 1 } else { 2 };
+    let zero = "    sec: 0\n    nsec: 0\n";
+    let qos = format!(
+        "- history: 1\n  depth: 1\n  reliability: 1\n  durability: {durability}\n  deadline:\n{zero}  lifespan:\n{zero}  liveliness: 1\n  liveliness_lease_duration:\n{zero}  avoid_ros_namespace_conventions: false\n"
+    );
+    let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), qos)]);
+    let schema = writer
+        .add_schema(M::NAME, "ros2msg", schema::<M>().as_bytes())
+        .map_err(io::Error::other)?;
+    writer
+        .add_channel(schema, topic, CDR, &metadata)
+        .map_err(io::Error::other)
+}
+
+struct Recorder<W: Write + Seek> {
+    channels: Channels,
+    writer: Writer<W>,
+}
+
+impl<W: Write + Seek> Recorder<W> {
+    fn metadata(&mut self, name: &str, metadata: BTreeMap<String, String>) -> io::Result<()> {
+        self.writer
+            .write_metadata(&Metadata {
+                name: name.into(),
+                metadata,
+            })
+            .map_err(io::Error::other)
+    }
+
+    fn attach(&mut self, name: &str, bytes: &[u8]) -> io::Result<()> {
+        let media_type = match name.rsplit_once('.') {
+            Some((_, "toml")) => "application/toml",
+            Some((_, "urdf" | "xml")) => "application/xml",
+            Some((_, "json")) => "application/json",
+            _ => "application/octet-stream",
+        };
+        self.writer
+            .attach(&Attachment {
+                log_time: 0,
+                create_time: 0,
+                name: name.into(),
+                media_type: media_type.into(),
+                data: Cow::Borrowed(bytes),
+            })
+            .map_err(io::Error::other)
+    }
+
+    fn message<M: Message>(
+        &mut self,
+        channel: u16,
+        sequence: u32,
+        log_time: u64,
+        message: &M,
+    ) -> io::Result<()> {
+        let bytes = encode(message).map_err(io::Error::other)?;
+        let header = MessageHeader {
+            channel_id: channel,
+            sequence,
+            log_time,
+            publish_time: log_time,
+        };
+        self.writer
+            .write_to_known_channel(&header, &bytes)
+            .map_err(io::Error::other)
+    }
+
+    fn readings(&mut self, campaign: &Campaign) -> io::Result<()> {
+        let times = log_times(&campaign.readings);
+        let start = times.first().copied().unwrap_or_default();
+        let robot = &campaign.robot;
+        let description = Text {
+            data: description::urdf(robot, &campaign.robot_file),
+        };
+        self.message(self.channels.robot_description, 0, start, &description)?;
+        let transforms = fixed(campaign, &header(start, ""));
+        self.message(self.channels.tf_static, 0, start, &Transforms { transforms })?;
+        for (index, (reading, time)) in campaign.readings.iter().zip(times).enumerate() {
+            let sequence = u32::try_from(index).map_err(io::Error::other)?;
+            self.reading(campaign, reading, sequence, time)?;
+        }
+        Ok(())
+    }
+
+    fn reading(
+        &mut self,
+        campaign: &Campaign,
+        reading: &Reading,
+        sequence: u32,
+        time: u64,
+    ) -> io::Result<()> {
+        let robot = &campaign.robot;
+        let base = robot.bodies.first().map_or("base", |body| &body.name);
+        let target = &campaign.targets[reading.target];
+        let link = &robot.links[target.link].name;
+
+        let joints = JointState {
+            header: header(time, base),
+            name: robot.joints.iter().map(|j| j.name.clone()).collect(),
+            position: reading.joints.clone(),
+            velocity: Vec::new(),
+            effort: Vec::new(),
+        };
+        self.message(self.channels.joint_states, sequence, time, &joints)?;
+        let transforms = moving(robot, &reading.joints, &header(time, ""));
+        self.message(self.channels.tf, sequence, time, &Transforms { transforms })?;
+        let orientation = reading
+            .orientation
+            .unwrap_or_else(UnitQuaternion::identity);
+        let pose = PoseStamped {
+            header: header(time, &tracker_frame(robot)),
+            position: xyz(&reading.position),
+            orientation: xyzw(&orientation),
+        };
+        self.message(self.channels.tracker_pose, sequence, time, &pose)?;
+        if let Some(wrench) = &reading.wrench {
+            let wrench = WrenchStamped {
+                header: header(time, link),
+                force: xyz(&wrench.force),
+                torque: xyz(&wrench.torque),
+            };
+            self.message(self.channels.wrench, sequence, time, &wrench)?;
+        }
+        if let Some(temperature) = reading.temperature {
+            let temperature = Temperature {
+                header: header(time, base),
+                temperature,
+                variance: 0.0,
+            };
+            self.message(self.channels.temperature, sequence, time, &temperature)?;
+        }
+        let rest = ReadingMessage {
+            header: header(time, link),
+            line: reading.line as u64,
+            target: target.name.clone(),
+            pose: reading.pose.iter().cloned().collect(),
+            repeat: reading.repeat.iter().cloned().collect(),
+            heldout: reading.split == Split::Heldout,
+            has_orientation: reading.orientation.is_some(),
+            has_wrench: reading.wrench.is_some(),
+            time: reading.time.into_iter().collect(),
+            temperature: reading.temperature.into_iter().collect(),
+            temperature_links: reading
+                .link_temperatures
+                .iter()
+                .map(|(link, _)| robot.links[*link].name.clone())
+                .collect(),
+            link_temperatures: reading.link_temperatures.iter().map(|(_, t)| *t).collect(),
+            approach: reading
+                .approach
+                .iter()
+                .flatten()
+                .map(|direction| *direction as i8)
+                .collect(),
+            payload: reading
+                .payload
+                .iter()
+                .flat_map(|p| [p.mass, p.com.x, p.com.y, p.com.z])
+                .collect(),
+        };
+        self.message(self.channels.reading, sequence, time, &rest)
+    }
+}
+
+fn header(log_time: u64, frame_id: &str) -> Header {
+    const SECOND: u64 = 1_000_000_000;
+    Header {
+        stamp: Time {
+            // More than 68 years of one-second steps: the stamp stays at its largest.
+            sec: i32::try_from(log_time / SECOND).unwrap_or(i32::MAX),
+            nanosec: (log_time % SECOND) as u32,
+        },
+        frame_id: frame_id.into(),
+    }
+}
