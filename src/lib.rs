@@ -2,15 +2,17 @@
 #![doc = ""]
 
 pub mod campaign;
+pub mod cli;
 pub mod dual_quaternion;
 pub mod effects;
 pub mod fit;
 pub mod model;
+pub mod model_file;
 // pub mod mujoco;
 pub mod plant;
 pub mod posture;
 pub mod recording;
-// pub mod report;
+pub mod report;
 pub mod robot;
 // pub mod scenario;
 pub mod setup;

@@ -598,8 +598,9 @@ fn seeded(value: f64, direction: usize) -> Dual {
 }
 
 /// The derivatives of a dual number, if it has any.
-fn rates(value: &Dual) -> Option<&SVector<f64, DIRECTIONS>> {
-    value.eps.0.as_ref()
+fn rates(value: &Dual) -> Option<SVector<f64, DIRECTIONS>> {
+    (value.eps != num_dual::Derivative::none())
+        .then(|| value.eps.unwrap_generic(nalgebra::Const, nalgebra::Const))
 }
 
 /// Rate of a pose along one direction, as a screw at the origin of the frame that it maps into.

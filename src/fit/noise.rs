@@ -169,7 +169,7 @@ fn by_wrench(campaign: &Campaign, readings: &[&Reading], group: Vec<usize>) -> V
 }
 
 /// Pure error: mean square of repeats about their means.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct PureError {
     /// Of whitened rows; 1 if the noise model is right.
     pub whitened: f64,

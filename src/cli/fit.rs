@@ -1,0 +1,84 @@
+//! `misfit fit`.
+
+use super::{Outcome, print, print_json, progress};
+use crate::campaign::Campaign;
+use crate::fit::{self, Options};
+use crate::report;
+use crate::model_file;
+use std::path::PathBuf;
+
+/// Identify a model's parameters from a campaign: values, intervals, errors, and what cannot be seen.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  misfit fit cell3.toml
+  misfit fit cell3.toml --effects joint_offset          frames and joint offsets only
+  misfit fit cell3.mcap --effects +transmission_error   the default and one more
+  misfit fit cell3.toml --json | jq .heldout")]
+pub struct Arguments {
+    /// Campaign: a .toml file with its table, or a .mcap recording.
+    campaign: PathBuf,
+    /// Effects of the model, comma-separated; a leading + adds to the default.
+    #[arg(long, value_name = "A,B,…", allow_hyphen_values = true)]
+    effects: Option<String>,
+    /// Model file with [[effect]] tables: values to start from or to hold.
+    #[arg(long, value_name = "M.toml")]
+    model: Option<PathBuf>,
+    /// How to estimate: weighted nonlinear least squares, or the paper's unweighted linear estimator.
+    #[arg(long, value_enum, default_value_t = Method::Weighted)]
+    method: Method,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+    /// List every geometric parameter.
+    #[arg(long)]
+    all: bool,
+    /// Skip the cross-validation of campaigns without held-out readings.
+    #[arg(long)]
+    no_cross_validation: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Method {
+    /// Weighted nonlinear least squares on the loaded equilibrium.
+    Weighted,
+    /// Joint stiffness from loaded minus unloaded poses, 8 unweighted rows (Appl. Sci. 2019, 9, 65).
+    Paper,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let spinner = progress::spinner();
+    let campaign = Campaign::load(&arguments.campaign)?;
+    let model = model_file::model(
+        &campaign,
+        arguments.effects.as_deref(),
+        arguments.model.as_deref(),
+    )?;
+    let options = Options {
+        cross_validate: !arguments.no_cross_validation,
+    };
+    let say = |text: &str| spinner.set_message(text.to_owned());
+    let frames = model_file::frames_only(&campaign)?;
+    let baseline = if frames.terms.len() < model.terms.len() {
+        Some(fit::fit(&campaign, &frames, &options, say)?)
+    } else {
+        None
+    };
+    let found = fit::fit(&campaign, &model, &options, say)?;
+    spinner.finish_and_clear();
+    if arguments.json {
+        print_json(&report::json::fit(&found, baseline.as_ref()))?;
+    } else {
+        print(&report::fit::text(
+            &campaign,
+            &found,
+            baseline.as_ref(),
+            arguments.all,
+        ))?;
+    }
+    Ok(if found.converged {
+        Outcome::Done
+    } else {
+        Outcome::Missed
+    })
+}

@@ -1,0 +1,94 @@
+//! Results as JSON: the contract with users' scripts.
+
+use crate::fit::{Errors, Fit, HeldoutBy, Status, Unobservable};
+use serde::Serialize;
+
+/// `misfit.fit/1`.
+#[derive(Debug, Serialize)]
+pub struct FitDocument {
+    schema: &'static str,
+    effects: Vec<&'static str>,
+    readings: Readings,
+    fit: Errors,
+    heldout: Option<Errors>,
+    heldout_by: Option<HeldoutBy>,
+    frames_only: Option<Baseline>,
+    noise: Noise,
+    parameters: Vec<ParameterRow>,
+    unobservable: Vec<Unobservable>,
+    rank: usize,
+    converged: bool,
+    iterations: usize,
+}
+
+#[derive(Debug, Serialize)]
+struct Readings {
+    fit: usize,
+    heldout: usize,
+    rejected: usize,
+}
+
+#[derive(Debug, Serialize)]
+struct Baseline {
+    fit: Errors,
+    heldout: Option<Errors>,
+}
+
+#[derive(Debug, Serialize)]
+struct Noise {
+    source: crate::fit::noise::Source,
+    position_sigma_m: f64,
+    orientation_sigma_rad: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+struct ParameterRow {
+    effect: &'static str,
+    name: String,
+    unit: &'static str,
+    value: f64,
+    std: Option<f64>,
+    status: Status,
+}
+
+/// The document of a fit; `baseline` is the fit of the frames alone.
+pub fn fit(fit: &Fit, baseline: Option<&Fit>) -> FitDocument {
+    FitDocument {
+        schema: "misfit.fit/1",
+        effects: fit.model.terms.iter().map(|t| t.effect.id()).collect(),
+        readings: Readings {
+            fit: fit.readings.0,
+            heldout: fit.readings.1,
+            rejected: 0,
+        },
+        fit: fit.fit,
+        heldout: fit.heldout,
+        heldout_by: fit.heldout_by,
+        frames_only: baseline.map(|b| Baseline {
+            fit: b.fit,
+            heldout: b.heldout,
+        }),
+        noise: Noise {
+            source: fit.noise.source,
+            position_sigma_m: fit.noise.position_sigma,
+            orientation_sigma_rad: fit.noise.orientation_sigma,
+        },
+        parameters: fit
+            .model
+            .parameters()
+            .enumerate()
+            .map(|(k, (effect, parameter))| ParameterRow {
+                effect,
+                name: parameter.name.clone(),
+                unit: parameter.unit,
+                value: fit.values[k],
+                std: fit.std[k],
+                status: fit.status[k],
+            })
+            .collect(),
+        unobservable: fit.unobservable.clone(),
+        rank: fit.rank,
+        converged: fit.converged,
+        iterations: fit.iterations,
+    }
+}

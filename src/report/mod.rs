@@ -1,0 +1,5 @@
+//! Results for people (terminal) and for programs (JSON).
+
+pub mod fit;
+pub mod format;
+pub mod json;
