@@ -110,20 +110,24 @@ pub(super) fn read(file: &str, text: &str) -> Result<Tree, RobotError> {
             return Err(place.refuse("its name is empty", "every joint needs a name of its own"));
         }
         let (before, after) = row.transforms(&place, table.convention)?;
-        let (kind, limits, effort) = row.drive(&place)?;
+        row.check_units(&place)?;
         let parent = &links[links.len() - 1].name;
         let child = format!("{}_link", row.name);
         joints.push(TreeJoint {
             name: row.name.clone(),
-            kind: Some(kind),
+            kind: Some(match row.kind {
+                Kind::Revolute => JointKind::Revolute,
+                Kind::Continuous => JointKind::Continuous,
+                Kind::Prismatic => JointKind::Prismatic,
+            }),
             unsupported: None,
             parent: parent.clone(),
             child: child.clone(),
             parent_from_joint: parent_from_next * before,
             joint_from_child: after,
             axis: Vector3::z(),
-            limits,
-            effort,
+            limits: row.limits(&place)?,
+            effort: row.effort_nm.or(row.effort_n),
         });
         parent_from_next = Isometry3::identity();
         links.push(TreeLink {
@@ -156,16 +160,20 @@ pub(super) fn read(file: &str, text: &str) -> Result<Tree, RobotError> {
 
 /// A message of the TOML parser with the line it is about, and the row if it is in one.
 fn located(file: &str, text: &str, error: &toml::de::Error) -> RobotError {
-    let before = error.span().and_then(|span| text.get(..span.start));
+    // Up to the end of the line, so that an error of a whole row counts its own header.
+    let before = error.span().and_then(|span| {
+        let rest = text.get(span.start..)?;
+        let line = rest.find('\n').unwrap_or(rest.len());
+        text.get(..span.start + line)
+    });
     let place = match before {
         None => "TOML".to_owned(),
         Some(before) => {
             let line = before.matches('\n').count() + 1;
-            let header = |l: &&str| l.trim_start().starts_with('[');
-            let section = before.lines().rev().find(header).unwrap_or_default();
-            let rows = before.matches("[[joint]]").count();
-            match section.trim_start().starts_with("[[joint]]") {
-                true => format!("line {line} (row {rows})"),
+            let mut headers = before.lines().rev().map(str::trim_start);
+            let section = headers.find(|line| line.starts_with('['));
+            match section.is_some_and(|header| header.starts_with("[[joint]]")) {
+                true => format!("line {line} (row {})", before.matches("[[joint]]").count()),
                 false => format!("line {line}"),
             }
         }
@@ -248,16 +256,9 @@ impl Row {
         })
     }
 
-    /// Kind, limits and rated effort, in the units that go with the kind.
-    fn drive(
-        &self,
-        place: &Place,
-    ) -> Result<(JointKind, Option<(f64, f64)>, Option<f64>), RobotError> {
-        let (kind, slides) = match self.kind {
-            Kind::Revolute => (JointKind::Revolute, false),
-            Kind::Continuous => (JointKind::Continuous, false),
-            Kind::Prismatic => (JointKind::Prismatic, true),
-        };
+    /// Refuses limits and efforts in units that do not go with the kind of joint.
+    fn check_units(&self, place: &Place) -> Result<(), RobotError> {
+        let slides = matches!(self.kind, Kind::Prismatic);
         let wrong = match slides {
             true => [
                 ("lower_deg", self.lower_deg),
@@ -286,7 +287,12 @@ impl Row {
                 ),
             });
         }
-        // What is of the wrong kind is absent by now, so the two groups cannot mix.
+        Ok(())
+    }
+
+    /// Lower and upper limit, rad or m.
+    fn limits(&self, place: &Place) -> Result<Option<(f64, f64)>, RobotError> {
+        // What is of the wrong kind is known to be absent, so turns and lengths cannot mix.
         let bound = |name: &str, deg: Option<f64>, rad, mm: Option<f64>, m| {
             let keys = |unit: &str| format!("{name}_{unit}");
             let turn = place.either(
@@ -310,18 +316,15 @@ impl Row {
             self.upper_mm,
             self.upper_m,
         )?;
-        let limits = match (lower, upper) {
-            (None, None) => None,
-            (Some(lower), Some(upper)) if kind != JointKind::Continuous => Some((lower, upper)),
-            (Some(_), Some(_)) => {
-                return Err(place.refuse(
-                    "limits on a continuous joint",
-                    "remove them or make it revolute",
-                ));
-            }
-            _ => return Err(place.refuse("only one of its limits", "give both or neither")),
-        };
-        Ok((kind, limits, self.effort_nm.or(self.effort_n)))
+        match (lower, upper) {
+            (None, None) => Ok(None),
+            (Some(_), Some(_)) if matches!(self.kind, Kind::Continuous) => Err(place.refuse(
+                "limits on a continuous joint",
+                "remove them or make it revolute",
+            )),
+            (Some(lower), Some(upper)) => Ok(Some((lower, upper))),
+            _ => Err(place.refuse("only one of its limits", "give both or neither")),
+        }
     }
 }
 

@@ -25,11 +25,26 @@ pub(super) struct Part<'a> {
     kind: &'a str,
     name: Option<&'a str>,
     line: usize,
-    /// Its tags, without comments and text.
-    pub text: String,
+    opening: &'a str,
+    empty: bool,
+    /// Tags of the inertial, which `urdf-rs` cannot read between two visuals.
+    inertial: String,
+    /// The other tags, without comments and text.
+    others: String,
 }
 
 impl Part<'_> {
+    fn append_to(&self, text: &mut String) {
+        for piece in [self.opening, &self.inertial, &self.others] {
+            text.push_str(piece);
+        }
+        if !self.empty {
+            text.push_str("</");
+            text.push_str(self.kind);
+            text.push('>');
+        }
+    }
+
     /// How a message names it.
     pub fn place(&self) -> String {
         match self.name {
@@ -44,7 +59,7 @@ impl Outline<'_> {
     pub fn document<'b>(&self, parts: impl IntoIterator<Item = &'b Part<'b>>) -> String {
         let mut text = self.root.to_owned();
         for part in parts {
-            text += &part.text;
+            part.append_to(&mut text);
         }
         text + "</robot>"
     }
@@ -63,8 +78,9 @@ pub(super) fn outline<'a>(file: &str, text: &'a str) -> Result<Outline<'a>, Robo
     let mut open: Vec<(&str, usize)> = Vec::new();
     let mut root: Option<&str> = None;
     let mut parts: Vec<Part> = Vec::new();
-    // Whether the tags now read belong to the last part.
+    // Whether the tags now read belong to the last part, and in it to an inertial.
     let mut inside = false;
+    let mut inertial = false;
     let mut links = 0;
     let mut rest = text;
     let mut line = 1;
@@ -130,9 +146,14 @@ pub(super) fn outline<'a>(file: &str, text: &'a str) -> Result<Outline<'a>, Robo
                     kind: tag.name,
                     name: find(&tag, "name"),
                     line,
-                    text: String::new(),
+                    opening: tag.text,
+                    empty: tag.empty,
+                    inertial: String::new(),
+                    others: String::new(),
                 });
             }
+        } else if open.len() == 2 {
+            inertial = tag.name == "inertial";
         }
         if inside && let Some(part) = parts.last_mut() {
             if let Some((attribute, value)) = bad_vector(&tag) {
@@ -143,7 +164,12 @@ pub(super) fn outline<'a>(file: &str, text: &'a str) -> Result<Outline<'a>, Robo
                     "only numbers separated by blanks are accepted",
                 ));
             }
-            part.text += tag.text;
+            let is_part = open.len() == 1;
+            match (is_part, inertial) {
+                (true, _) => {}
+                (false, true) => part.inertial += tag.text,
+                (false, false) => part.others += tag.text,
+            }
         }
         if !tag.closing && !tag.empty {
             if open.len() == MAX_DEPTH {
