@@ -306,6 +306,9 @@ impl Workspace {
                 .iter()
                 .map(|e| self.next[e.slot] - self.displacements[e.slot]),
         );
+        if n == 0 {
+            return;
+        }
         if let Some(step) = matrix.lu().solve(&gap) {
             for (e, step) in self.elastic.iter().zip(step.iter()) {
                 self.next[e.slot] = self.displacements[e.slot] + step;
@@ -446,6 +449,11 @@ impl Workspace {
         let mut matrix = DMatrix::identity(n, n);
         for (row, column, value) in self.stiffness_rows(model) {
             matrix[(row, column)] -= value;
+        }
+        if n == 0 {
+            // nalgebra's LU refuses a system of none
+            self.response = direct;
+            return;
         }
         self.response = match matrix.transpose().lu().solve(&direct.transpose()) {
             Some(solution) => solution.transpose(),
