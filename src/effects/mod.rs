@@ -6,6 +6,7 @@
 mod geometry;
 mod joint_compliance;
 mod joint_offset;
+pub mod table;
 mod target_offset;
 mod tracker_frame;
 

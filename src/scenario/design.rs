@@ -1,0 +1,167 @@
+//! Where and how the plant is measured: random poses, loads, approach directions, repeats, order.
+
+use super::Scenario;
+use crate::robot::JointKind;
+use nalgebra::Vector3;
+use rand::seq::SliceRandom;
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::f64::consts::PI;
+
+/// A factorial design: every pose under every load from every direction, so often.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Design {
+    /// Random poses, the same ones for each target.
+    pub poses: usize,
+    /// How many of them are held out.
+    pub heldout: usize,
+    /// Loads on the target's link.
+    pub loads: Vec<DesignLoad>,
+    /// 1 or 2: approach each pose from below only, or from both sides.
+    pub directions: usize,
+    /// Repeats of each combination.
+    pub repeats: usize,
+    /// Random order of the readings, or pose by pose.
+    pub random_order: bool,
+    /// Share of each joint's range left free at either end.
+    pub margin: f64,
+    /// Least height of the target links above the base frame's origin, m.
+    pub least_height: f64,
+    /// Joints that stay where they are: (index, angle).
+    pub fixed: Vec<(usize, f64)>,
+}
+
+/// A load of a design.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DesignLoad {
+    /// kg.
+    pub mass: f64,
+    /// Centre in the target link's frame, m.
+    pub com: Vector3<f64>,
+    /// Force at the centre in the base frame, N.
+    pub pull: Vector3<f64>,
+}
+
+/// One reading to be taken.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Visit {
+    /// Index of the pose.
+    pub pose: usize,
+    /// Index of the target measured.
+    pub target: usize,
+    /// Index of the load.
+    pub load: usize,
+    /// -1 or +1.
+    pub direction: f64,
+    /// Index of the repeat.
+    pub repeat: usize,
+    /// Joint angles, rad or m.
+    pub joints: Vec<f64>,
+}
+
+/// Purposes of random numbers: each has its own stream, so that none depends on how many another draws.
+pub(super) mod stream {
+    pub const POSES: u128 = 1;
+    pub const ORDER: u128 = 2;
+    pub const NOISE: u128 = 3;
+    pub const TRUTH: u128 = 4;
+}
+
+/// The generator of one purpose.
+pub(super) fn generator(seed: u64, stream: u128) -> Pcg64 {
+    let mut bytes = [0u8; 32];
+    bytes[..8].copy_from_slice(&seed.to_le_bytes());
+    bytes[16..32].copy_from_slice(&stream.to_le_bytes());
+    Pcg64::from_seed(bytes)
+}
+
+/// All readings of a scenario, in the order in which they are taken.
+pub fn visits(scenario: &Scenario) -> Vec<Visit> {
+    let design = &scenario.design;
+    let poses = poses(scenario);
+    let mut visits = Vec::new();
+    for target in 0..scenario.setup.targets.len() {
+        for (pose, joints) in poses.iter().enumerate() {
+            for load in 0..design.loads.len() {
+                for direction in [-1.0, 1.0].into_iter().take(design.directions) {
+                    for repeat in 0..design.repeats {
+                        visits.push(Visit {
+                            pose,
+                            target,
+                            load,
+                            direction,
+                            repeat,
+                            joints: joints.clone(),
+                        });
+                    }
+                }
+            }
+        }
+    }
+    if design.random_order {
+        visits.shuffle(&mut generator(scenario.seed, stream::ORDER));
+    }
+    visits
+}
+
+/// Random postures within the limits, all target links above the least height.
+fn poses(scenario: &Scenario) -> Vec<Vec<f64>> {
+    /// Draws for a pose before the height is given up.
+    const TRIES: usize = 1000;
+    let mut random = generator(scenario.seed, stream::POSES);
+    (0..scenario.design.poses)
+        .map(|_| {
+            let mut joints = draw(scenario, &mut random);
+            for _ in 0..TRIES {
+                if heights(scenario, &joints)
+                    .all(|height| height >= scenario.design.least_height)
+                {
+                    break;
+                }
+                joints = draw(scenario, &mut random);
+            }
+            joints
+        })
+        .collect()
+}
+
+fn draw(scenario: &Scenario, random: &mut impl Rng) -> Vec<f64> {
+    let robot = &scenario.setup.robot;
+    let mut joints: Vec<f64> = robot
+        .joints
+        .iter()
+        .map(|joint| {
+            let (lower, upper) = joint.limits.unwrap_or(match joint.kind {
+                JointKind::Prismatic => (0.0, 0.0),
+                _ => (-PI, PI),
+            });
+            let spare = (upper - lower) * scenario.design.margin;
+            let (lower, upper) = (lower + spare, upper - spare);
+            lower + (upper - lower) * random.random::<f64>()
+        })
+        .collect();
+    for &(joint, angle) in &scenario.design.fixed {
+        joints[joint] = angle;
+    }
+    joints
+}
+
+/// Heights of the target links above the base origin, against gravity, m.
+fn heights(scenario: &Scenario, joints: &[f64]) -> impl Iterator<Item = f64> {
+    let setup = &scenario.setup;
+    let mut poses = vec![nalgebra::Isometry3::identity(); setup.robot.bodies.len()];
+    for (j, joint) in setup.robot.joints.iter().enumerate() {
+        let motion = match joint.kind {
+            JointKind::Prismatic => {
+                nalgebra::Isometry3::from(nalgebra::Translation3::from(*joint.axis * joints[j]))
+            }
+            _ => nalgebra::Isometry3::rotation(*joint.axis * joints[j]),
+        };
+        poses[j + 1] = poses[joint.parent] * joint.parent_from_joint * motion;
+    }
+    let up = -setup.gravity.normalize();
+    setup.targets.iter().map(move |target| {
+        let link = &setup.robot.links[target.link];
+        (poses[link.body] * link.body_from_link).translation.vector.dot(&up)
+    })
+}

@@ -1,0 +1,96 @@
+//! Scenarios: a robot, its hidden truth, a measurement campaign, the model to fit, and what is expected.
+
+pub mod design;
+pub mod efficiency;
+pub mod expect;
+mod presets;
+mod read;
+pub mod simulate;
+
+use crate::campaign::{Frame, Noise, RobotFile};
+use crate::effects::AnyEffect;
+use crate::setup::Setup;
+use design::Design;
+use expect::Expect;
+use std::sync::Arc;
+
+/// A scenario as read.
+#[derive(Debug, Clone)]
+pub struct Scenario {
+    /// File stem.
+    pub name: String,
+    /// One line for its reader.
+    pub title: String,
+    /// The scenario file's own text, to be carried along in recordings.
+    pub text: String,
+    /// Robot, targets, gravity.
+    pub setup: Setup,
+    /// The robot file's own text.
+    pub robot_file: RobotFile,
+    /// Every random number follows from this.
+    pub seed: u64,
+    /// What the plant has and the fit never sees.
+    pub truth: Vec<Truth>,
+    /// Noise of the instruments and joints.
+    pub noise: Noise,
+    /// Does the campaign file tell the noise?
+    pub state_noise: bool,
+    /// Are wrist wrenches among the readings?
+    pub wrench: bool,
+    /// What the campaign file says of the frames.
+    pub base_from_tracker: Frame,
+    /// The same, by target.
+    pub link_from_target: Vec<Frame>,
+    /// Poses, loads, directions, repeats.
+    pub design: Design,
+    /// Words as for `--effects`; the default model if none.
+    pub effects: Option<String>,
+    /// Campaigns of the efficiency study, if it is one.
+    pub campaigns: Option<usize>,
+    /// What must come out.
+    pub expect: Expect,
+}
+
+/// A hidden effect: its parameters in the plant.
+#[derive(Debug, Clone)]
+pub struct Truth {
+    /// The effect.
+    pub effect: Arc<dyn AnyEffect>,
+    /// Names and values of its parameters, SI.
+    pub values: Vec<(String, f64)>,
+}
+
+/// Why there is no scenario, or nothing came of it.
+#[derive(Debug, thiserror::Error)]
+pub enum ScenarioError {
+    /// A file cannot be read.
+    #[error("{file}: {source}")]
+    Read {
+        /// The file.
+        file: String,
+        /// Reason.
+        source: std::io::Error,
+    },
+    /// Not TOML of this form.
+    #[error("{file}: {message}")]
+    Form {
+        /// The file.
+        file: String,
+        /// What is wrong, where, and what is accepted.
+        message: String,
+    },
+    /// Its robot.
+    #[error(transparent)]
+    Robot(#[from] crate::robot::RobotError),
+    /// Its truth.
+    #[error(transparent)]
+    Table(#[from] crate::effects::table::TableError),
+    /// The plant.
+    #[error("{file}: {source}")]
+    Plant {
+        /// Scenario file.
+        file: String,
+        /// Reason.
+        source: crate::plant::PlantError,
+    },
+}
