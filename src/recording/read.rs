@@ -1,7 +1,9 @@
 //! Reading a campaign back from a recording.
 
 use super::error::RecordingError;
-use super::messages::{JointState, Message, PoseStamped, ReadingMessage, WrenchStamped, Xyz, decode};
+use super::messages::{
+    JointState, Message, PoseStamped, ReadingMessage, WrenchStamped, Xyz, decode,
+};
 use super::{
     CAMPAIGN_FILE, CAMPAIGN_RECORD, CDR, FORMAT, JOINT_STATES, READING, TRACKER_POSE, WRENCH,
 };
