@@ -1,5 +1,7 @@
 //! Campaign files: what is read, what is refused and how, and that nothing is lost in writing.
 
+#![allow(clippy::unwrap_used)]
+
 use misfit::campaign::{
     Campaign, CampaignError, Frame, Noise, Payload, Reading, RobotFile, Split, Target, Wrench,
 };
@@ -78,8 +80,12 @@ fn refused_document(more: &str, parts: &[&str]) {
     );
 }
 
+/// Warnings name the table without its folder, so that recordings do not depend on it.
 fn warning(campaign: &Campaign, part: &str) -> bool {
-    campaign.warnings.iter().any(|w| w.contains(part))
+    campaign
+        .warnings
+        .iter()
+        .any(|w| w.starts_with("t.csv: ") && w.contains(part))
 }
 
 #[test]
@@ -175,7 +181,7 @@ fn every_column_and_every_key() {
 fn joints_without_a_column_stay_at_zero_with_a_warning() {
     let campaign = load(ONE_TARGET, "torso_rad,x_m,y_m,z_m\n0.5,1,2,3\n").unwrap();
     assert!(
-        warning(&campaign, "no column for slide, wrist"),
+        warning(&campaign, "no column for slide, wrist: taken"),
         "{:?}",
         campaign.warnings
     );

@@ -1,7 +1,7 @@
 //! `campaign.toml`: what may stand in it, what it means, and how it is written.
 
 use super::error::{CampaignError, quoted};
-use super::table::unit_quaternion;
+use super::row::unit_quaternion;
 use super::{Campaign, Frame, Noise, Target};
 use crate::robot::Robot;
 use nalgebra::{Isometry3, Translation3, Vector3};

@@ -117,6 +117,8 @@ fn escaped(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
+
     use super::super::messages::{Header, Time, TransformStamped};
     use super::super::transforms::{links, moving};
     use super::*;

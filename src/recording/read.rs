@@ -86,8 +86,9 @@ impl Contents {
         while let Some(event) = reader.next_event() {
             match event.map_err(damaged)? {
                 LinearReadEvent::ReadRequest(wanted) => {
+                    // Never more room than there are bytes: a damaged length must not cost memory.
                     let (next, after) = rest.split_at(wanted.min(rest.len()));
-                    reader.insert(wanted)[..next.len()].copy_from_slice(next);
+                    reader.insert(next.len())[..next.len()].copy_from_slice(next);
                     reader.notify_read(next.len());
                     rest = after;
                 }
