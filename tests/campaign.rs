@@ -886,7 +886,8 @@ fn a_failed_write_leaves_the_old_files_whole() {
 #[test]
 fn campaigns_that_could_not_be_read_back_are_not_written() {
     let good = load(TWO_TARGETS, format!("{HEADER},target\n0,0,0,1,2,3,left\n")).unwrap();
-    let spoil: [(&str, fn(&mut Campaign)); 12] = [
+    type Spoil = fn(&mut Campaign);
+    let spoil: [(&str, Spoil); 12] = [
         ("plain file name", |c| {
             c.robot_file.name = "../arm.urdf".into()
         }),
