@@ -35,7 +35,11 @@ impl Campaign {
         if self.link_from_target.len() != self.targets.len() {
             return Err("link_from_target does not have one frame for each target".into());
         }
-        for frame in self.link_from_target.iter().chain([&self.base_from_tracker]) {
+        for frame in self
+            .link_from_target
+            .iter()
+            .chain([&self.base_from_tracker])
+        {
             if let Frame::Known(pose) = frame
                 && !(pose.translation.vector.iter().all(|x| x.is_finite())
                     && is_unit(pose.rotation.coords.norm()))

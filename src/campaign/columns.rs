@@ -202,7 +202,10 @@ impl Columns {
                     file: file.into(),
                     column: missing.header(robot),
                     found: format!("no such column, {because}"),
-                    accepted: format!("the columns {} (known units are converted)", names.join(" ")),
+                    accepted: format!(
+                        "the columns {} (known units are converted)",
+                        names.join(" ")
+                    ),
                 })
             }
         }
@@ -237,7 +240,11 @@ impl Legal {
                     for unit in UNITS.iter().filter(|u| u.dimension == dimension) {
                         legal.add(format!("{quantity}_{}", unit.name), role, Some(unit));
                     }
-                    legal.quantities.entry(quantity).or_default().push(dimension);
+                    legal
+                        .quantities
+                        .entry(quantity)
+                        .or_default()
+                        .push(dimension);
                 }
             }
         }
@@ -316,7 +323,8 @@ impl Legal {
         if header.is_empty() {
             return refuse(
                 "no name".into(),
-                "a header word for every column; a comma at the end of the line makes one more".into(),
+                "a header word for every column; a comma at the end of the line makes one more"
+                    .into(),
             );
         }
         if headers.len() == 1 && header.contains([';', '\t']) {

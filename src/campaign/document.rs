@@ -1,7 +1,7 @@
 //! `campaign.toml`: what may stand in it, what it means, and how it is written.
 
 use super::error::{CampaignError, quoted};
-use super::table::unit_quaternion;
+use super::row::unit_quaternion;
 use super::{Campaign, Frame, Noise, Target};
 use crate::robot::Robot;
 use nalgebra::{Isometry3, Translation3, Vector3};
@@ -103,7 +103,11 @@ impl Document {
         let keys = Keys { file };
         let gravity = self.gravity.unwrap_or(STANDARD_GRAVITY);
         if !gravity.iter().all(|x| x.is_finite()) {
-            return keys.refuse("gravity", format!("{gravity:?}"), "three finite numbers, m/s²");
+            return keys.refuse(
+                "gravity",
+                format!("{gravity:?}"),
+                "three finite numbers, m/s²",
+            );
         }
         let targets = self.targets(&keys, robot)?;
         let base_from_tracker = match &self.frames.base_from_tracker {
@@ -223,9 +227,7 @@ impl Keys<'_> {
                         Translation3::new(x, y, z),
                         rotation,
                     ))),
-                    Err(norm) => {
-                        self.refuse(key, format!("a quaternion of norm {norm}"), accepted)
-                    }
+                    Err(norm) => self.refuse(key, format!("a quaternion of norm {norm}"), accepted),
                 }
             }
             _ => self.refuse(key, shown(value), accepted),
@@ -339,7 +341,10 @@ pub(crate) fn render(campaign: &Campaign, table: Option<&str>) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(text, "{words}");
     };
-    line(format_args!("robot = {}", string(&campaign.robot_file.name)));
+    line(format_args!(
+        "robot = {}",
+        string(&campaign.robot_file.name)
+    ));
     if let Some(base) = &campaign.robot_file.base {
         line(format_args!("base = {}", string(base)));
     }
@@ -384,8 +389,18 @@ pub(crate) fn render(campaign: &Campaign, table: Option<&str>) -> String {
     text
 }
 
+/// A basic string, which may stand as a key too.
 fn string(text: &str) -> String {
-    Value::String(text.into()).to_string()
+    let mut quoted = String::from("\"");
+    for letter in text.chars() {
+        match letter {
+            '"' | '\\' => quoted.extend(['\\', letter]),
+            _ if letter.is_control() => quoted.push_str(&format!("\\u{:04X}", u32::from(letter))),
+            _ => quoted.push(letter),
+        }
+    }
+    quoted.push('"');
+    quoted
 }
 
 fn array<'a>(numbers: impl Iterator<Item = &'a f64>) -> String {

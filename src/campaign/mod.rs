@@ -8,6 +8,8 @@ mod document;
 mod error;
 mod files;
 mod read;
+mod render;
+mod row;
 mod split;
 mod table;
 mod units;
@@ -18,7 +20,7 @@ pub use error::CampaignError;
 pub(crate) use check::plain_file_name;
 pub(crate) use document::{Document, render as render_document};
 pub(crate) use files::{read_at_most, write_atomically};
-pub(crate) use table::unit_quaternion;
+pub(crate) use row::unit_quaternion;
 
 use crate::robot::Robot;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};

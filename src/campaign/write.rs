@@ -2,7 +2,7 @@
 
 use super::error::CampaignError;
 use super::files::write_atomically;
-use super::{Campaign, document, table};
+use super::{Campaign, document, render};
 use std::fs;
 use std::io::Write;
 use std::path::Path;
@@ -28,7 +28,7 @@ impl Campaign {
             source,
         };
         let table_path = folder.join("readings.csv");
-        let table = table::render(self).map_err(|source| refuse(&table_path, source))?;
+        let table = render::render(self).map_err(|source| refuse(&table_path, source))?;
         fs::create_dir_all(folder).map_err(|source| refuse(folder, source))?;
         let document = document::render(self, Some("readings.csv"));
         // The campaign file comes last: where it stands, what it refers to is complete.

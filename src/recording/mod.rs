@@ -1,7 +1,7 @@
 //! Campaigns as MCAP recordings of the `ros2` profile: one file that viewers open and `misfit` reads back.
 //!
 //! All messages of one reading share its log time. Angles, tracker poses and wrenches stand in
-//! standard types on standard topics; [`misfit_msgs/msg/Reading`](messages) has the rest. The
+//! standard types on standard topics; `misfit_msgs/msg/Reading` has the rest. The
 //! campaign file and the robot file are attached. Only this module speaks to the MCAP library.
 
 mod description;

@@ -1,7 +1,9 @@
 //! Reading a campaign back from a recording.
 
 use super::error::RecordingError;
-use super::messages::{JointState, Message, PoseStamped, ReadingMessage, WrenchStamped, Xyz, decode};
+use super::messages::{
+    JointState, Message, PoseStamped, ReadingMessage, WrenchStamped, Xyz, decode,
+};
 use super::{
     CAMPAIGN_FILE, CAMPAIGN_RECORD, CDR, FORMAT, JOINT_STATES, READING, TRACKER_POSE, WRENCH,
 };
@@ -84,8 +86,9 @@ impl Contents {
         while let Some(event) = reader.next_event() {
             match event.map_err(damaged)? {
                 LinearReadEvent::ReadRequest(wanted) => {
+                    // Never more room than there are bytes: a damaged length must not cost memory.
                     let (next, after) = rest.split_at(wanted.min(rest.len()));
-                    reader.insert(wanted)[..next.len()].copy_from_slice(next);
+                    reader.insert(next.len())[..next.len()].copy_from_slice(next);
                     reader.notify_read(next.len());
                     rest = after;
                 }

@@ -26,6 +26,13 @@ pub(super) fn fixed(campaign: &Campaign, header: &Header) -> Vec<TransformStampe
         let child = tracker_frame(robot);
         transforms.push(stamped(header, &base.name, child, &link_from_tracker));
     }
+    transforms.extend(links(robot, header));
+    transforms
+}
+
+/// Links in the frame of the first link of their body.
+pub(super) fn links(robot: &Robot, header: &Header) -> Vec<TransformStamped> {
+    let mut transforms = Vec::new();
     for link in &robot.links {
         if let Some(body) = robot.bodies.get(link.body)
             && body.name != link.name
@@ -55,7 +62,7 @@ pub(super) fn moving(robot: &Robot, joints: &[f64], header: &Header) -> Vec<Tran
 }
 
 /// Frame of the link that a body is named after, in the body's frame.
-fn body_from_frame(robot: &Robot, body: usize) -> Isometry3<f64> {
+pub(super) fn body_from_frame(robot: &Robot, body: usize) -> Isometry3<f64> {
     robot
         .links
         .iter()

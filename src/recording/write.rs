@@ -231,7 +231,12 @@ impl<W: Write + Seek> Recorder<W> {
         };
         self.message(self.channels.robot_description, 0, start, &description)?;
         let transforms = fixed(campaign, &header(start, ""));
-        self.message(self.channels.tf_static, 0, start, &Transforms { transforms })?;
+        self.message(
+            self.channels.tf_static,
+            0,
+            start,
+            &Transforms { transforms },
+        )?;
         for (index, (reading, time)) in campaign.readings.iter().zip(times).enumerate() {
             let sequence = u32::try_from(index).map_err(io::Error::other)?;
             self.reading(campaign, reading, sequence, time)?;
@@ -261,9 +266,7 @@ impl<W: Write + Seek> Recorder<W> {
         self.message(self.channels.joint_states, sequence, time, &joints)?;
         let transforms = moving(robot, &reading.joints, &header(time, ""));
         self.message(self.channels.tf, sequence, time, &Transforms { transforms })?;
-        let orientation = reading
-            .orientation
-            .unwrap_or_else(UnitQuaternion::identity);
+        let orientation = reading.orientation.unwrap_or_else(UnitQuaternion::identity);
         let pose = PoseStamped {
             header: header(time, &tracker_frame(robot)),
             position: xyz(&reading.position),
