@@ -98,6 +98,16 @@ impl Document {
         })
     }
 
+    /// The same from a table: the part of a scenario that is written like a campaign.
+    pub(crate) fn from_table(file: &str, table: toml::Table) -> Result<Self, CampaignError> {
+        table
+            .try_into()
+            .map_err(|error: toml::de::Error| CampaignError::Toml {
+                file: file.into(),
+                message: error.to_string().trim_end().to_owned(),
+            })
+    }
+
     /// Gives the written words their meaning on this robot.
     pub(crate) fn settle(&self, file: &str, robot: &Robot) -> Result<Settings, CampaignError> {
         let keys = Keys { file };

@@ -79,9 +79,9 @@ pub enum ScenarioError {
         /// What is wrong, where, and what is accepted.
         message: String,
     },
-    /// Its robot.
+    /// What it shares with campaign files: robot, targets, frames, noise.
     #[error(transparent)]
-    Robot(#[from] crate::robot::RobotError),
+    Campaign(#[from] crate::campaign::CampaignError),
     /// Its truth.
     #[error(transparent)]
     Table(#[from] crate::effects::table::TableError),

@@ -1,0 +1,362 @@
+//! Reading a scenario file.
+//!
+//! `robot`, `base`, `gravity`, `[[target]]`, `[frames]` and `[noise]` are written and checked as in a campaign
+//! file; the rest is described in `scenarios/README.md`.
+
+use super::design::{Design, DesignLoad, generator, stream};
+use super::expect::Expect;
+use super::{Scenario, ScenarioError, Truth, presets};
+use crate::campaign::{Document, Noise, RobotFile};
+use crate::effects::AnyEffect;
+use crate::effects::table::{Choice, TableError, unique};
+use crate::robot::{Robot, RobotError};
+use crate::setup::Setup;
+use nalgebra::Vector3;
+use rand::RngExt;
+use rand_distr::StandardNormal;
+use serde::Deserialize;
+use std::path::Path;
+
+/// Readings of one campaign at most.
+const MOST_READINGS: usize = 1_000_000;
+
+/// What a scenario has beside the keys of a campaign file.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document2 {
+    #[serde(default)]
+    title: String,
+    seed: u64,
+    #[serde(default)]
+    truth: Vec<toml::Table>,
+    design: DesignEntry,
+    #[serde(default)]
+    instruments: InstrumentsEntry,
+    effects: Option<Vec<String>>,
+    campaigns: Option<usize>,
+    #[serde(default)]
+    expect: Expect,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DesignEntry {
+    poses: usize,
+    #[serde(default)]
+    heldout_poses: usize,
+    #[serde(default)]
+    loads: Vec<LoadEntry>,
+    #[serde(default = "one")]
+    directions: usize,
+    #[serde(default = "one")]
+    repeats: usize,
+    #[serde(default)]
+    order: Order,
+    #[serde(default = "tenth")]
+    margin: f64,
+    #[serde(default)]
+    least_height_m: f64,
+    #[serde(default)]
+    fixed_rad: toml::map::Map<String, toml::Value>,
+}
+
+#[derive(Debug, Deserialize, Default)]
+#[serde(rename_all = "snake_case")]
+enum Order {
+    #[default]
+    Random,
+    PoseByPose,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(non_snake_case)] // the keys carry their units
+struct LoadEntry {
+    #[serde(default)]
+    mass_kg: f64,
+    #[serde(default)]
+    com_m: [f64; 3],
+    #[serde(default)]
+    pull_N: [f64; 3],
+}
+
+#[derive(Debug, Deserialize, Default)]
+#[serde(deny_unknown_fields)]
+struct InstrumentsEntry {
+    /// Wrist wrenches among the readings.
+    #[serde(default)]
+    wrench: bool,
+    /// The campaign file does not tell the noise.
+    #[serde(default)]
+    noise_unknown: bool,
+}
+
+fn one() -> usize {
+    1
+}
+
+fn tenth() -> f64 {
+    0.1
+}
+
+impl Scenario {
+    /// Reads a scenario file; paths in it are relative to it.
+    ///
+    /// # Errors
+    /// Whatever does not fit the format, with file and key, what was found and what is accepted.
+    pub fn load(path: &Path) -> Result<Self, ScenarioError> {
+        let file = path.display().to_string();
+        let form = |message: String| ScenarioError::Form {
+            file: file.clone(),
+            message,
+        };
+        let text = std::fs::read_to_string(path).map_err(|source| ScenarioError::Read {
+            file: file.clone(),
+            source,
+        })?;
+        let all: toml::Table = toml::from_str(&text)
+            .map_err(|error| form(error.to_string().trim_end().to_owned()))?;
+        let shared = ["robot", "base", "gravity", "target", "frames", "noise"];
+        let (shared, own): (toml::Table, toml::Table) = all
+            .into_iter()
+            .partition(|(key, _)| shared.contains(&key.as_str()));
+        let document = Document::from_table(&file, shared)?;
+        let own: Document2 = own
+            .try_into()
+            .map_err(|error: toml::de::Error| form(error.to_string().trim_end().to_owned()))?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let robot_path = folder.join(&document.robot);
+        let robot_text =
+            std::fs::read_to_string(&robot_path).map_err(|source| ScenarioError::Read {
+                file: robot_path.display().to_string(),
+                source,
+            })?;
+        let robot_name = robot_path.display().to_string();
+        let parsed = Robot::parse(&robot_name, &robot_text, document.base.as_deref());
+        let robot = parsed.map_err(|error: RobotError| {
+            ScenarioError::Campaign(crate::campaign::CampaignError::from(error))
+        })?;
+        let settings = document.settle(&file, &robot)?;
+        let setup = Setup::new(robot, settings.targets, settings.gravity);
+        let design = design(&own.design, &setup).map_err(&form)?;
+        let readings = design.poses
+            * design.loads.len()
+            * design.directions
+            * design.repeats
+            * setup.targets.len();
+        if readings > MOST_READINGS {
+            return Err(form(format!(
+                "the design asks for {readings} readings; accepted: at most {MOST_READINGS}"
+            )));
+        }
+        let truth = truths(&file, own.truth, &setup, own.seed)?;
+        Ok(Self {
+            name: path
+                .file_stem()
+                .map_or_else(|| file.clone(), |stem| stem.to_string_lossy().into_owned()),
+            title: own.title,
+            text,
+            robot_file: RobotFile {
+                name: robot_path
+                    .file_name()
+                    .map_or(robot_name, |name| name.to_string_lossy().into_owned()),
+                text: robot_text,
+                base: document.base.clone(),
+            },
+            seed: own.seed,
+            truth,
+            noise: settings.noise.unwrap_or_default(),
+            state_noise: !own.instruments.noise_unknown && settings.noise.is_some_and(is_noisy),
+            wrench: own.instruments.wrench,
+            base_from_tracker: settings.base_from_tracker,
+            link_from_target: settings.link_from_target,
+            design,
+            effects: own.effects.map(|names| names.join(",")),
+            campaigns: own.campaigns,
+            expect: own.expect,
+            setup,
+        })
+    }
+}
+
+/// A campaign that says "no noise at all" would be believed; one of a perfect plant says nothing.
+fn is_noisy(noise: Noise) -> bool {
+    noise.position > 0.0
+}
+
+fn design(entry: &DesignEntry, setup: &Setup) -> Result<Design, String> {
+    let check = |good: bool, message: &str| {
+        if good {
+            Ok(())
+        } else {
+            Err(format!("[design] {message}"))
+        }
+    };
+    check(entry.poses >= 1, "poses is 0; accepted: 1 or more")?;
+    check(
+        entry.heldout_poses < entry.poses,
+        "heldout_poses leaves nothing to fit; accepted: fewer than poses",
+    )?;
+    check(
+        matches!(entry.directions, 1 | 2),
+        "directions: accepted are 1 and 2",
+    )?;
+    check(entry.repeats >= 1, "repeats is 0; accepted: 1 or more")?;
+    check(
+        (0.0..0.5).contains(&entry.margin),
+        "margin: accepted are shares of a joint's range from 0 to below 0.5",
+    )?;
+    check(
+        entry.least_height_m.is_finite(),
+        "least_height_m: accepted are finite numbers",
+    )?;
+    let mut loads: Vec<DesignLoad> = Vec::new();
+    for load in &entry.loads {
+        let numbers = load.com_m.iter().chain(&load.pull_N).chain([&load.mass_kg]);
+        check(
+            numbers.clone().all(|x| x.is_finite()) && load.mass_kg >= 0.0,
+            "loads: accepted are finite numbers and masses of 0 or more",
+        )?;
+        loads.push(DesignLoad {
+            mass: load.mass_kg,
+            com: Vector3::from(load.com_m),
+            pull: Vector3::from(load.pull_N),
+        });
+    }
+    if loads.is_empty() {
+        loads.push(DesignLoad {
+            mass: 0.0,
+            com: Vector3::zeros(),
+            pull: Vector3::zeros(),
+        });
+    }
+    let mut fixed = Vec::new();
+    for (name, value) in &entry.fixed_rad {
+        let Some(joint) = setup.robot.joint(name) else {
+            let known: Vec<&str> = setup.robot.joints.iter().map(|j| j.name.as_str()).collect();
+            return Err(format!(
+                "[design.fixed_rad] no joint is called \"{name}\"; known: {}",
+                known.join(", ")
+            ));
+        };
+        let angle = value.as_float().or(value.as_integer().map(|i| i as f64));
+        match angle.filter(|x| x.is_finite()) {
+            Some(angle) => fixed.push((joint, angle)),
+            None => {
+                return Err(format!(
+                    "[design.fixed_rad] {name} is {value}; accepted: a finite number"
+                ));
+            }
+        }
+    }
+    Ok(Design {
+        poses: entry.poses,
+        heldout: entry.heldout_poses,
+        loads,
+        directions: entry.directions,
+        repeats: entry.repeats,
+        random_order: matches!(entry.order, Order::Random),
+        margin: entry.margin,
+        least_height: entry.least_height_m,
+        fixed,
+    })
+}
+
+/// The hidden effects with all their parameters: values given, presets, random draws on top.
+fn truths(
+    file: &str,
+    tables: Vec<toml::Table>,
+    setup: &Setup,
+    seed: u64,
+) -> Result<Vec<Truth>, ScenarioError> {
+    let form = |message: String| ScenarioError::Form {
+        file: file.to_owned(),
+        message,
+    };
+    let mut random = generator(seed, stream::TRUTH);
+    let mut choices = Vec::new();
+    let mut truths = Vec::new();
+    for (index, mut table) in tables.into_iter().enumerate() {
+        let place = format!("[[truth]] number {}", index + 1);
+        let preset = match table.remove("preset") {
+            None => None,
+            Some(toml::Value::String(name)) => Some(name),
+            Some(other) => {
+                return Err(form(format!(
+                    "{place}: preset is {other}; accepted: {}",
+                    presets::NAMES
+                )));
+            }
+        };
+        let exponent = match table.remove("exponent") {
+            None => None,
+            Some(value) => Some(
+                value
+                    .as_integer()
+                    .and_then(|x| i32::try_from(x).ok())
+                    .filter(|x| (0..=9).contains(x))
+                    .ok_or_else(|| {
+                        form(format!("{place}: exponent is {value}; accepted: 0 to 9"))
+                    })?,
+            ),
+        };
+        let spread = match table.remove("random") {
+            None => 0.0,
+            Some(value) => value
+                .as_float()
+                .or(value.as_integer().map(|i| i as f64))
+                .filter(|x| x.is_finite() && *x >= 0.0)
+                .ok_or_else(|| {
+                    form(format!(
+                        "{place}: random is {value}; accepted: a standard deviation in typical \
+                         sizes, 0 or more"
+                    ))
+                })?,
+        };
+        if matches!(table.get("hold"), Some(_)) {
+            return Err(form(format!("{place}: a truth is not held; leave hold out")));
+        }
+        let choice = Choice::parse(file, &place, table)?;
+        let mut parameters = choice.effect.parameters(setup);
+        if let Some(name) = &preset {
+            if choice.effect.id() != "joint_compliance" {
+                return Err(form(format!(
+                    "{place}: presets are for joint_compliance, not {}",
+                    choice.effect.id()
+                )));
+            }
+            let stiffness =
+                presets::stiffness(name, exponent, setup).map_err(|e| form(format!("{place}: {e}")))?;
+            for (joint, stiffness) in stiffness {
+                let name = &setup.robot.joints[joint].name;
+                if let Some(parameter) = parameters.iter_mut().find(|p| p.name == *name) {
+                    parameter.value = 1.0 / stiffness;
+                }
+            }
+        } else if exponent.is_some() {
+            return Err(form(format!("{place}: exponent goes with preset = \"paper\"")));
+        }
+        choice.apply(file, &mut parameters)?;
+        for parameter in &mut parameters {
+            let draw: f64 = random.sample(StandardNormal);
+            parameter.value += spread * parameter.typical * draw;
+        }
+        truths.push(truth(&choice.effect, parameters));
+        choices.push(choice);
+    }
+    unique(file, &choices).map_err(|error: TableError| ScenarioError::Table(error))?;
+    Ok(truths)
+}
+
+fn truth(
+    effect: &std::sync::Arc<dyn AnyEffect>,
+    parameters: Vec<crate::effects::Parameter>,
+) -> Truth {
+    Truth {
+        effect: effect.clone(),
+        values: parameters
+            .into_iter()
+            .map(|parameter| (parameter.name, parameter.value))
+            .collect(),
+    }
+}

@@ -1,0 +1,170 @@
+//! From a scenario to a campaign: the plant is built, visited in every state of the design, and read.
+//!
+//! The truth goes into the plant and into a file of its own; the campaign holds readings only.
+
+use super::design::{Visit, generator, stream, visits};
+use super::{Scenario, ScenarioError, Truth};
+use crate::campaign::{Campaign, Payload, Reading, Split};
+use crate::plant::instruments::{Draws, read};
+use crate::plant::{Command, Load, Plant, PlantError, PlantSpec};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// Time between two readings, s: moving there and settling.
+const PACE: f64 = 20.0;
+
+/// Builds the truth: nominal robot and hidden effects.
+///
+/// # Errors
+/// If the plant cannot realise an effect's values.
+pub fn plant_spec(scenario: &Scenario) -> Result<PlantSpec, PlantError> {
+    let setup = &scenario.setup;
+    let links = setup.targets.iter().map(|target| target.link).collect();
+    let mut spec = PlantSpec::new(&setup.robot, links, setup.gravity);
+    // a frame that the campaign knows is where the campaign says
+    if let crate::campaign::Frame::Known(pose) = scenario.base_from_tracker {
+        spec.base_from_tracker = pose;
+    }
+    for (target, frame) in spec.targets.iter_mut().zip(&scenario.link_from_target) {
+        if let crate::campaign::Frame::Known(pose) = frame {
+            target.1 = *pose;
+        }
+    }
+    for truth in &scenario.truth {
+        let values: Vec<f64> = truth.values.iter().map(|(_, value)| *value).collect();
+        truth.effect.install(&values, setup, &mut spec)?;
+    }
+    Ok(spec)
+}
+
+/// Simulates the campaign; `on_reading` is told of every reading taken.
+///
+/// # Errors
+/// If the plant cannot be built, or collapses under a load.
+pub fn simulate(
+    scenario: &Scenario,
+    on_reading: impl Fn() + Sync,
+) -> Result<Campaign, ScenarioError> {
+    let plant = |source: PlantError| ScenarioError::Plant {
+        file: scenario.name.clone(),
+        source,
+    };
+    let spec = plant_spec(scenario).map_err(plant)?;
+    let original = Plant::build(&spec).map_err(plant)?;
+    let visits = visits(scenario);
+    let mut random = generator(scenario.seed, stream::NOISE);
+    let joints = scenario.setup.robot.joints.len();
+    let draws: Vec<Draws> = visits
+        .iter()
+        .map(|_| Draws::new(joints, &mut random))
+        .collect();
+    /// Visits that one fork of the plant makes.
+    const RUN: usize = 32;
+    let jobs: Vec<(usize, &Visit, &Draws)> = visits
+        .iter()
+        .zip(&draws)
+        .enumerate()
+        .map(|(index, (visit, draws))| (index, visit, draws))
+        .collect();
+    let original = std::sync::Mutex::new(original);
+    let runs: Vec<Vec<Reading>> = jobs
+        .par_chunks(RUN)
+        .map(|run| {
+            let fork = original
+                .lock()
+                .unwrap_or_else(std::sync::PoisonError::into_inner)
+                .fork();
+            let mut plant = fork?;
+            run.iter()
+                .map(|&(index, visit, draws)| {
+                    let reading = take(scenario, &spec, &mut plant, index, visit, draws);
+                    on_reading();
+                    reading
+                })
+                .collect::<Result<Vec<Reading>, PlantError>>()
+        })
+        .collect::<Result<_, PlantError>>()
+        .map_err(plant)?;
+    Ok(Campaign {
+        name: scenario.name.clone(),
+        robot: scenario.setup.robot.clone(),
+        robot_file: scenario.robot_file.clone(),
+        gravity: scenario.setup.gravity,
+        targets: scenario.setup.targets.clone(),
+        base_from_tracker: scenario.base_from_tracker,
+        link_from_target: scenario.link_from_target.clone(),
+        noise: scenario.state_noise.then_some(scenario.noise),
+        readings: runs.into_iter().flatten().collect(),
+        warnings: Vec::new(),
+    })
+}
+
+/// Takes one reading.
+fn take(
+    scenario: &Scenario,
+    spec: &PlantSpec,
+    plant: &mut Plant,
+    index: usize,
+    visit: &Visit,
+    draws: &Draws,
+) -> Result<Reading, PlantError> {
+    let load = scenario.design.loads[visit.load];
+    let joints = visit.joints.iter().zip(&draws.joints);
+    let command = Command {
+        // the encoder reads the command; the joint repeats it only so well
+        joints: joints
+            .map(|(q, draw)| q + draw * scenario.noise.joint)
+            .collect(),
+        approach: vec![visit.direction; visit.joints.len()],
+        loads: vec![Load {
+            target: visit.target,
+            mass: load.mass,
+            com: load.com,
+            pull: load.pull,
+        }],
+    };
+    let state = plant.state(&command)?;
+    let seen = read(spec, &state, visit.target, &scenario.noise, draws);
+    let design = &scenario.design;
+    let pulled = design.loads.iter().any(|load| load.pull != Vector3::zeros());
+    Ok(Reading {
+        // the header of the table is line 1
+        line: index + 2,
+        pose: Some(format!("p{:03}", visit.pose + 1)),
+        repeat: Some(format!("{}", visit.repeat + 1)),
+        target: visit.target,
+        split: if visit.pose + design.heldout >= design.poses {
+            Split::Heldout
+        } else {
+            Split::Fit
+        },
+        time: Some(index as f64 * PACE),
+        temperature: None,
+        link_temperatures: Vec::new(),
+        joints: visit.joints.clone(),
+        approach: (design.directions > 1).then(|| vec![visit.direction; visit.joints.len()]),
+        position: seen.position,
+        orientation: Some(seen.orientation),
+        wrench: (scenario.wrench || pulled).then_some(seen.wrench),
+        // a pull is no dead weight: then only the sensor knows the load
+        payload: (!pulled).then_some(Payload {
+            mass: load.mass,
+            com: load.com,
+        }),
+    })
+}
+
+/// The truth as a model file, which only scoring reads.
+pub fn truth_text(scenario: &Scenario) -> String {
+    let mut text = format!(
+        "# What the plant of scenario {} had, seed {}. Scoring reads this; a fit never does.\n",
+        scenario.name, scenario.seed
+    );
+    for Truth { effect, values } in &scenario.truth {
+        text += &format!("\n[[effect]]\nkind = \"{}\"\n[effect.values]\n", effect.id());
+        for (name, value) in values {
+            text += &format!("{} = {value:?}\n", toml::Value::from(name.as_str()));
+        }
+    }
+    text
+}
