@@ -1,12 +1,25 @@
 //! The truth: a robot with springs, displaced bodies and instruments, realised in MuJoCo.
 //!
-//! The plant shares the nominal [`Robot`](crate::robot::Robot) with the model, as data, and nothing else:
-//! kinematics, statics and wrist wrenches are MuJoCo's, the instruments' geometry is nalgebra's.
+//! The plant shares the nominal [`Robot`] with the model, as data, and nothing else: kinematics, statics
+//! and wrist wrenches are MuJoCo's, the instruments' geometry is nalgebra's.
+//!
+//! A state is the static equilibrium under a command, always sought from the commanded angles: it depends
+//! on the command alone, not on what was asked before, and comes out the same to the last bit on any
+//! thread.
 
-use crate::robot::Robot;
+pub mod instruments;
+pub mod mjcf;
+mod statics;
+
+use crate::campaign::Wrench;
+use crate::mujoco::{Data, JointAddress, Kind, Model, MujocoError};
+use crate::robot::{JointKind, Robot};
 use nalgebra::{Isometry3, Vector3};
+use statics::Spring;
+use std::sync::Arc;
 
 /// The truth under construction; effects add themselves to it, then [`Plant::build`] makes it.
+#[derive(Clone)]
 pub struct PlantSpec {
     /// The robot as MuJoCo will have it: starts nominal, effects move joints and masses.
     pub robot: Robot,
@@ -15,14 +28,41 @@ pub struct PlantSpec {
     pub body_from_displaced: Vec<Isometry3<f64>>,
     /// By joint: torsional spring, N·m/rad (N/m for a slide); `None` is rigid.
     pub stiffness: Vec<Option<f64>>,
-    /// By joint: added to the commanded angle before the spring's rest position is set, rad (m).
+    /// Further places where the structure gives way.
+    pub flexures: Vec<Flexure>,
+    /// Added to the commanded angles before the springs' rest positions are set.
     pub command_laws: Vec<CommandLaw>,
+    /// Torques beside the springs', re-evaluated within the static solve.
+    pub torque_laws: Vec<TorqueLaw>,
     /// Gravity in the base frame, m/s².
     pub gravity: Vector3<f64>,
     /// By target: link index and the target's pose in it.
     pub targets: Vec<(usize, Isometry3<f64>)>,
     /// Where the tracker stands.
     pub base_from_tracker: Isometry3<f64>,
+}
+
+/// A sprung connection where the nominal robot is rigid: three small rotations and three small
+/// translations in the axes of a pivot frame.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Flexure {
+    /// What it carries.
+    pub carries: Carried,
+    /// The pivot frame, in the frame that [`Carried`] names.
+    pub pivot: Isometry3<f64>,
+    /// About x, y, z in N·m/rad, then along x, y, z in N/m; `None` is rigid.
+    pub stiffness: [Option<f64>; 6],
+}
+
+/// Where a flexure sits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Carried {
+    /// Behind the body's joint: carries the body whole, its mass too. The pivot is given in the frame that
+    /// the joint moves. Body 0 is the base: its pivot is given in the base frame.
+    Body(usize),
+    /// Before the joint: carries what the joint moves, but not the body that the joint hangs on. The pivot
+    /// is given in the joint's frame at rest.
+    Joint(usize),
 }
 
 /// What the robot was told to do and carries: all that a plant's state depends on.
@@ -50,11 +90,32 @@ pub struct Load {
 }
 
 /// Adds to the joint angles that a command asks for: `law(command, angles)`.
-pub type CommandLaw = Box<dyn Fn(&Command, &mut [f64]) + Send + Sync>;
+pub type CommandLaw = Arc<dyn Fn(&Command, &mut [f64]) + Send + Sync>;
+
+/// Adds to the torques on the joints, N·m (N): `law(rest, angles, torques)`, all by joint, where `rest` is
+/// the command after its laws and `angles` where the joints are. On rigid joints it does nothing.
+pub type TorqueLaw = Arc<dyn Fn(&[f64], &[f64], &mut [f64]) + Send + Sync>;
+
+/// The robot at rest under a command.
+#[derive(Debug, Clone, PartialEq)]
+pub struct State {
+    /// Actual angle of every moving joint, rad or m.
+    pub joints: Vec<f64>,
+    /// By target: pose of its link.
+    pub base_from_link: Vec<Isometry3<f64>>,
+    /// By target: wrench of the load on the arm at the target link's origin, in that link's frame.
+    pub wrenches: Vec<Wrench>,
+    /// What gravity and pulls put on each joint, rigid ones too, N·m (N); positive turns it forward.
+    /// A linear spring deflects by this over its stiffness.
+    pub joint_torques: Vec<f64>,
+}
 
 /// Why there is no plant, or no state of it.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlantError {
+    /// MuJoCo is missing, or raised an error.
+    #[error(transparent)]
+    Mujoco(#[from] MujocoError),
     /// A value the plant cannot realise.
     #[error("{effect}.{parameter}: the plant cannot realise {found}; accepted: {accepted}")]
     Value {
@@ -67,4 +128,357 @@ pub enum PlantError {
         /// What would do.
         accepted: &'static str,
     },
+    /// A specification that describes no robot.
+    #[error("the plant cannot be built: {0}")]
+    Spec(String),
+    /// A command that does not fit the plant.
+    #[error("the plant cannot be commanded: {0}")]
+    Command(String),
+    /// A joint that does not hold what it carries.
+    #[error(
+        "{joint} gives way under its load: it turns or slides by {deflection:.3} (rad or m) from its command"
+    )]
+    GivesWay {
+        /// Its name.
+        joint: String,
+        /// How far it was from its command when the search was given up, rad (m).
+        deflection: f64,
+    },
+    /// Equilibrium, but the slightest touch would end it.
+    #[error("the arm is balanced, not held: {joint} is too soft for what it carries")]
+    Unstable {
+        /// The joint with the softest spring against what it carries.
+        joint: String,
+    },
+    /// The search for equilibrium did not come to an end.
+    #[error(
+        "no equilibrium was found in {iterations} iterations; {joint} is left with a torque or force of \
+         {residual:.3e} (N·m or N)"
+    )]
+    NoEquilibrium {
+        /// The joint with the largest torque left.
+        joint: String,
+        /// That torque, N·m (N).
+        residual: f64,
+        /// How many were tried.
+        iterations: usize,
+    },
+}
+
+impl PlantSpec {
+    /// The nominal robot: rigid joints, nothing displaced, targets at the origins of these links
+    /// (indices into `robot.links`), the tracker in the base; gravity in the base frame, m/s².
+    pub fn new(robot: &Robot, targets: Vec<usize>, gravity: Vector3<f64>) -> PlantSpec {
+        PlantSpec {
+            robot: robot.clone(),
+            body_from_displaced: vec![Isometry3::identity(); robot.bodies.len()],
+            stiffness: vec![None; robot.joints.len()],
+            flexures: Vec::new(),
+            command_laws: Vec::new(),
+            torque_laws: Vec::new(),
+            gravity,
+            targets: targets
+                .into_iter()
+                .map(|link| (link, Isometry3::identity()))
+                .collect(),
+            base_from_tracker: Isometry3::identity(),
+        }
+    }
+}
+
+/// A robot in MuJoCo. [`Plant::fork`] one for each thread.
+pub struct Plant {
+    data: Data,
+    layout: Arc<Layout>,
+}
+
+/// What does not change between states, shared by all forks.
+struct Layout {
+    joints: Vec<JointAddress>,
+    springs: Vec<Spring>,
+    targets: Vec<TargetIds>,
+    command_laws: Vec<CommandLaw>,
+    torque_laws: Vec<TorqueLaw>,
+}
+
+struct TargetIds {
+    load: usize,
+    force: usize,
+    torque: usize,
+}
+
+/// All that hangs on one target in one command.
+#[derive(Default)]
+struct Hanging {
+    mass: f64,
+    com: Vector3<f64>,
+    /// Point in the link's frame and force in the base frame.
+    pulls: Vec<(Vector3<f64>, Vector3<f64>)>,
+}
+
+impl Plant {
+    /// Compiles the robot in MuJoCo.
+    ///
+    /// # Errors
+    /// If the specification is inconsistent, or MuJoCo cannot be used.
+    pub fn build(spec: &PlantSpec) -> Result<Plant, PlantError> {
+        mjcf::check(spec)?;
+        let model = Model::from_xml_string(&mjcf::write(spec))?;
+        let mut data = Data::new(model)?;
+        // Exact masses, now that the compiler's lower bound on them is behind.
+        for body in 1..data.model().bodies() {
+            data.set_body_mass(body, 0.0)?;
+        }
+        for (index, body) in spec.robot.bodies.iter().enumerate() {
+            let id = data
+                .model()
+                .find(Kind::Body, &mjcf::body_name(spec, index))?;
+            data.set_body_mass(id, body.mass)?;
+        }
+        let layout = Layout::new(spec, data.model())?;
+        Ok(Plant {
+            data,
+            layout: Arc::new(layout),
+        })
+    }
+
+    /// A plant like this one, for another thread.
+    ///
+    /// # Errors
+    /// If memory is short.
+    pub fn fork(&self) -> Result<Plant, PlantError> {
+        Ok(Plant {
+            data: self.data.fork()?,
+            layout: Arc::clone(&self.layout),
+        })
+    }
+
+    /// The robot at rest under a command.
+    ///
+    /// # Errors
+    /// If the command does not fit the robot, or the robot does not hold its load.
+    pub fn state(&mut self, command: &Command) -> Result<State, PlantError> {
+        let layout = Arc::clone(&self.layout);
+        layout.check(command)?;
+        let mut rest = command.joints.clone();
+        for law in &layout.command_laws {
+            law(command, &mut rest);
+        }
+        if let Some(angle) = rest.iter().find(|angle| !angle.is_finite()) {
+            return Err(PlantError::Command(format!(
+                "a law makes an angle of {angle}"
+            )));
+        }
+        // Flexures rest at zero, joints at their command.
+        self.data.qpos_mut().fill(0.0);
+        for (joint, &angle) in layout.joints.iter().zip(&rest) {
+            self.data.qpos_mut()[joint.qpos] = angle;
+            self.data.qpos_spring_mut()[joint.qpos] = angle;
+        }
+        let hanging = self.hang(command)?;
+
+        let mut angles = rest.clone();
+        let mut torques = vec![0.0; rest.len()];
+        statics::solve(&mut self.data, &layout.springs, |data| {
+            data.qfrc_applied_mut().fill(0.0);
+            for (target, hanging) in layout.targets.iter().zip(&hanging) {
+                for (point, force) in &hanging.pulls {
+                    let point = data.body_pose(target.load)? * nalgebra::Point3::from(*point);
+                    data.apply_force(target.load, &point.coords, force, &Vector3::zeros())?;
+                }
+            }
+            if !layout.torque_laws.is_empty() {
+                for (angle, joint) in angles.iter_mut().zip(&layout.joints) {
+                    *angle = data.qpos()[joint.qpos];
+                }
+                torques.fill(0.0);
+                for law in &layout.torque_laws {
+                    law(&rest, &angles, &mut torques);
+                }
+                for (torque, joint) in torques.iter().zip(&layout.joints) {
+                    data.qfrc_applied_mut()[joint.dof] += torque;
+                }
+            }
+            Ok(())
+        })?;
+
+        self.read(&hanging, &torques)
+    }
+
+    /// The largest torque, N·m (N), that MuJoCo's whole inverse dynamics finds missing from equilibrium at
+    /// the last state: a check on the static solve by a second route.
+    ///
+    /// # Errors
+    /// If MuJoCo raises one.
+    pub fn equilibrium_error(&mut self) -> Result<f64, PlantError> {
+        let applied = self.data.qfrc_applied().to_vec();
+        let missing = self.data.inverse()?;
+        let at = |spring: &Spring| (missing[spring.dof] - applied[spring.dof]).abs();
+        Ok(self.layout.springs.iter().map(at).fold(0.0, f64::max))
+    }
+
+    /// Sets what hangs on every target, also where it is nothing.
+    fn hang(&mut self, command: &Command) -> Result<Vec<Hanging>, PlantError> {
+        let layout = Arc::clone(&self.layout);
+        let mut all = Vec::with_capacity(layout.targets.len());
+        for (index, target) in layout.targets.iter().enumerate() {
+            let mut hanging = Hanging::default();
+            for load in command.loads.iter().filter(|load| load.target == index) {
+                let mass = hanging.mass + load.mass;
+                hanging.com = if mass > 0.0 {
+                    (hanging.com * hanging.mass + load.com * load.mass) / mass
+                } else {
+                    load.com
+                };
+                hanging.mass = mass;
+                if load.pull != Vector3::zeros() {
+                    hanging.pulls.push((load.com, load.pull));
+                }
+            }
+            self.data.set_body_mass(target.load, hanging.mass)?;
+            self.data.set_body_ipos(target.load, hanging.com)?;
+            all.push(hanging);
+        }
+        Ok(all)
+    }
+
+    fn read(&mut self, hanging: &[Hanging], law_torques: &[f64]) -> Result<State, PlantError> {
+        let layout = Arc::clone(&self.layout);
+        let mut base_from_link = Vec::with_capacity(layout.targets.len());
+        for (target, hanging) in layout.targets.iter().zip(hanging) {
+            let pose = self.data.body_pose(target.load)?;
+            // The sensors know of forces on bodies, not of those put on joints.
+            let com = self.data.body_com(target.load)?;
+            let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
+            for (point, pull) in &hanging.pulls {
+                let arm = (pose * nalgebra::Point3::from(*point)).coords - com;
+                force += pull;
+                torque += arm.cross(pull);
+            }
+            self.data
+                .set_external_wrench(target.load, &force, &torque)?;
+            base_from_link.push(pose);
+        }
+        self.data.update_sensors()?;
+        let mut wrenches = Vec::with_capacity(layout.targets.len());
+        for target in &layout.targets {
+            // MuJoCo gives what the arm exerts on the load.
+            wrenches.push(Wrench {
+                force: -vector(self.data.sensor(target.force)?),
+                torque: -vector(self.data.sensor(target.torque)?),
+            });
+        }
+        let (applied, bias) = (self.data.qfrc_applied(), self.data.qfrc_bias());
+        Ok(State {
+            joints: layout
+                .joints
+                .iter()
+                .map(|joint| self.data.qpos()[joint.qpos])
+                .collect(),
+            base_from_link,
+            wrenches,
+            joint_torques: layout
+                .joints
+                .iter()
+                .zip(law_torques)
+                .map(|(joint, law)| applied[joint.dof] - law - bias[joint.dof])
+                .collect(),
+        })
+    }
+}
+
+impl Layout {
+    fn new(spec: &PlantSpec, model: &Model) -> Result<Layout, PlantError> {
+        let mut joints = Vec::new();
+        let mut springs = Vec::new();
+        for (index, joint) in spec.robot.joints.iter().enumerate() {
+            let address = model.joint(model.find(Kind::Joint, &mjcf::joint_name(spec, index))?)?;
+            joints.push(address);
+            if let Some(stiffness) = spec.stiffness[index] {
+                let name = format!("joint `{}`", joint.name);
+                let slides = joint.kind == JointKind::Prismatic;
+                springs.push(Spring {
+                    name,
+                    stiffness,
+                    slides,
+                    qpos: address.qpos,
+                    dof: address.dof,
+                });
+            }
+        }
+        for (index, flexure) in spec.flexures.iter().enumerate() {
+            for (axis, stiffness) in flexure.stiffness.iter().enumerate() {
+                if let &Some(stiffness) = stiffness {
+                    let id = model.find(Kind::Joint, &mjcf::flexure_joint_name(index, axis))?;
+                    let address = model.joint(id)?;
+                    let name = format!("flexure {index} ({})", mjcf::FLEXURE_AXES[axis]);
+                    let slides = axis >= 3;
+                    springs.push(Spring {
+                        name,
+                        stiffness,
+                        slides,
+                        qpos: address.qpos,
+                        dof: address.dof,
+                    });
+                }
+            }
+        }
+        let mut targets = Vec::new();
+        for index in 0..spec.targets.len() {
+            let name = mjcf::load_name(spec, index);
+            targets.push(TargetIds {
+                load: model.find(Kind::Body, &name)?,
+                force: model.find(Kind::Sensor, &format!("force_{name}"))?,
+                torque: model.find(Kind::Sensor, &format!("torque_{name}"))?,
+            });
+        }
+        Ok(Layout {
+            joints,
+            springs,
+            targets,
+            command_laws: spec.command_laws.clone(),
+            torque_laws: spec.torque_laws.clone(),
+        })
+    }
+
+    fn check(&self, command: &Command) -> Result<(), PlantError> {
+        let wrong = |what: String| Err(PlantError::Command(what));
+        let joints = self.joints.len();
+        for (what, values) in [
+            ("angles", &command.joints),
+            ("approach directions", &command.approach),
+        ] {
+            if values.len() != joints {
+                return wrong(format!("{} {what} for {joints} joints", values.len()));
+            }
+            if let Some(value) = values.iter().find(|value| !value.is_finite()) {
+                return wrong(format!("{value} among the {what}"));
+            }
+        }
+        for load in &command.loads {
+            if load.target >= self.targets.len() {
+                return wrong(format!(
+                    "a load on target {} of {}",
+                    load.target,
+                    self.targets.len()
+                ));
+            }
+            if !(load.mass >= 0.0 && load.mass.is_finite()) {
+                return wrong(format!("a load of {} kg", load.mass));
+            }
+            if !load
+                .com
+                .iter()
+                .chain(load.pull.iter())
+                .all(|x| x.is_finite())
+            {
+                return wrong("a load with a centre or pull that is not finite".to_owned());
+            }
+        }
+        Ok(())
+    }
+}
+
+fn vector(reading: &[f64]) -> Vector3<f64> {
+    Vector3::new(reading[0], reading[1], reading[2])
 }
