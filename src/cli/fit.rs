@@ -49,6 +49,9 @@ enum Method {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
+    if arguments.method == Method::Paper {
+        return paper(arguments, &campaign);
+    }
     let model = model_file::model(
         &campaign,
         arguments.effects.as_deref(),
@@ -81,4 +84,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     } else {
         Outcome::Missed
     })
+}
+
+/// The paper's own estimator.
+fn paper(arguments: &Arguments, campaign: &Campaign) -> anyhow::Result<Outcome> {
+    if arguments.effects.is_some() || arguments.model.is_some() {
+        anyhow::bail!(
+            "--method paper estimates joint compliance alone; leave --effects and --model out"
+        );
+    }
+    let found = fit::paper::fit(campaign)?;
+    if arguments.json {
+        print_json(&report::paper::document(&found))?;
+    } else {
+        print(&report::paper::text(campaign, &found))?;
+    }
+    Ok(Outcome::Done)
 }

@@ -3,6 +3,8 @@
 mod effects;
 mod fit;
 mod progress;
+mod run;
+mod simulate;
 
 use clap::{Parser, Subcommand};
 use std::process::ExitCode;
@@ -23,7 +25,9 @@ missed or the fit did not converge.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Simulate(simulate::Arguments),
     Fit(fit::Arguments),
+    Run(run::Arguments),
     Effects(effects::Arguments),
 }
 
@@ -40,7 +44,9 @@ pub enum Outcome {
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let result = match arguments.command {
+        Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
+        Command::Run(arguments) => run::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
     };
     match result {

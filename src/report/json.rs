@@ -92,3 +92,10 @@ pub fn fit(fit: &Fit, baseline: Option<&Fit>) -> FitDocument {
         iterations: fit.iterations,
     }
 }
+
+impl FitDocument {
+    /// Did the fit converge?
+    pub fn converged(&self) -> bool {
+        self.converged
+    }
+}

@@ -3,3 +3,5 @@
 pub mod fit;
 pub mod format;
 pub mod json;
+pub mod paper;
+pub mod run;

@@ -1,0 +1,141 @@
+//! `misfit run`.
+
+use super::{Outcome, print, print_json, progress, simulate};
+use crate::fit::{self, Options};
+use crate::model_file;
+use crate::report;
+use crate::report::run::RunDocument;
+use crate::scenario::expect::{check_fit, check_study, compare};
+use crate::scenario::{Scenario, efficiency, simulate::truth_text};
+use anyhow::Context;
+use std::path::PathBuf;
+
+/// Run a scenario: simulate, fit, compare with the truth, and check what it expects.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  misfit run scenarios/springs.toml
+  misfit run scenarios/springs.toml -o out/      keeps recording, truth and result
+  misfit run scenarios/efficiency.toml --campaigns 2000")]
+pub struct Arguments {
+    /// Scenario file.
+    scenario: PathBuf,
+    /// Folder to keep the recording, the truth and the result in.
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+    /// Seed, instead of the scenario's.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Campaigns of the efficiency study, instead of the scenario's number.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    campaigns: Option<u32>,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let mut scenario = Scenario::load(&arguments.scenario)?;
+    if let Some(seed) = arguments.seed {
+        scenario.seed = seed;
+    }
+    let campaigns = arguments.campaigns.map(|n| n as usize).or(scenario.campaigns);
+    let (document, text) = match campaigns {
+        Some(campaigns) => study(&scenario, campaigns)?,
+        None => fit_once(arguments, &scenario)?,
+    };
+    if let Some(folder) = &arguments.output {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("{}: cannot be made", folder.display()))?;
+        let path = folder.join(format!("{}.result.json", scenario.name));
+        simulate::write_text(&path, &(serde_json::to_string_pretty(&document)? + "\n"))?;
+    }
+    if arguments.json {
+        print_json(&document)?;
+    } else {
+        print(&text)?;
+    }
+    let converged = scenario.expect.converged.is_some()
+        || document.fit.as_ref().is_none_or(report::json::FitDocument::converged);
+    Ok(if document.passed && converged {
+        Outcome::Done
+    } else {
+        Outcome::Missed
+    })
+}
+
+fn title(scenario: &Scenario) -> String {
+    let title = if scenario.title.is_empty() {
+        String::new()
+    } else {
+        format!(" · {}", scenario.title)
+    };
+    report::format::wrap(&format!("scenario {}{title}", scenario.name), 9)
+}
+
+/// One campaign: simulated, fitted, compared.
+fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDocument, String)> {
+    let campaign = simulate::campaign(scenario)?;
+    if let Some(folder) = &arguments.output {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("{}: cannot be made", folder.display()))?;
+        let path = folder.join(format!("{}.mcap", scenario.name));
+        simulate::write_recording(scenario, &campaign, &path)?;
+        simulate::write_text(&simulate::truth_path(&path), &truth_text(scenario))?;
+    }
+    let spinner = progress::spinner();
+    let say = |text: &str| spinner.set_message(text.to_owned());
+    let model = model_file::model(&campaign, scenario.effects.as_deref(), None)?;
+    let options = Options {
+        cross_validate: true,
+    };
+    let frames = model_file::frames_only(&campaign)?;
+    let baseline = fit::fit(&campaign, &frames, &options, say)?;
+    let found = fit::fit(&campaign, &model, &options, say)?;
+    spinner.finish_and_clear();
+    let compared = compare(scenario, &found);
+    let checks = check_fit(&scenario.expect, &found, &compared);
+    let text = format!(
+        "{}\n{}\n{}\n{}",
+        title(scenario),
+        report::fit::text(&campaign, &found, Some(&baseline), false),
+        report::run::springs(&compared, found.quantile()),
+        report::run::checks(&checks)
+    );
+    let document = RunDocument {
+        schema: "misfit.run/1",
+        scenario: scenario.name.clone(),
+        seed: scenario.seed,
+        fit: Some(report::json::fit(&found, Some(&baseline))),
+        truth: compared,
+        study: None,
+        passed: checks.iter().all(|check| check.met),
+        expect: checks,
+    };
+    Ok((document, text))
+}
+
+/// Many campaigns against the Cramér-Rao bound.
+fn study(scenario: &Scenario, campaigns: usize) -> anyhow::Result<(RunDocument, String)> {
+    let bar = progress::bar(campaigns as u64, "campaigns");
+    let study = efficiency::study(scenario, campaigns, || bar.inc(1))?;
+    bar.finish_and_clear();
+    let checks = check_study(&scenario.expect, &study);
+    let text = format!(
+        "{}\n{}\n{}",
+        title(scenario),
+        report::run::study(&study),
+        report::run::checks(&checks)
+    );
+    let document = RunDocument {
+        schema: "misfit.run/1",
+        scenario: scenario.name.clone(),
+        seed: scenario.seed,
+        fit: None,
+        truth: Vec::new(),
+        study: Some(report::run::study_document(&study)),
+        passed: checks.iter().all(|check| check.met),
+        expect: checks,
+    };
+    Ok((document, text))
+}

@@ -1,0 +1,116 @@
+//! `misfit simulate`.
+
+use super::{Outcome, print, progress};
+use crate::campaign::Campaign;
+use crate::recording;
+use crate::report::format::count;
+use crate::scenario::{Scenario, simulate};
+use anyhow::Context;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Simulate a measurement campaign in MuJoCo: readings, and the truth in a file of its own.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  misfit simulate scenarios/springs.toml                 writes springs.mcap and springs.truth.toml
+  misfit simulate scenarios/springs.toml --csv cell/     writes cell/campaign.toml with its table
+  misfit fit springs.mcap")]
+pub struct Arguments {
+    /// Scenario file.
+    scenario: PathBuf,
+    /// Recording to write; the scenario's name with .mcap if nothing else is asked for.
+    #[arg(short, long, value_name = "X.mcap")]
+    output: Option<PathBuf>,
+    /// Folder to write the campaign to as TOML and CSV.
+    #[arg(long, value_name = "DIR")]
+    csv: Option<PathBuf>,
+    /// Seed, instead of the scenario's.
+    #[arg(long)]
+    seed: Option<u64>,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let mut scenario = Scenario::load(&arguments.scenario)?;
+    if let Some(seed) = arguments.seed {
+        scenario.seed = seed;
+    }
+    let campaign = campaign(&scenario)?;
+    let recording = match (&arguments.output, &arguments.csv) {
+        (Some(path), _) => Some(path.clone()),
+        (None, None) => Some(PathBuf::from(format!("{}.mcap", scenario.name))),
+        (None, Some(_)) => None,
+    };
+    let mut said = String::new();
+    if let Some(path) = &recording {
+        write_recording(&scenario, &campaign, path)?;
+        let truth = truth_path(path);
+        write_text(&truth, &simulate::truth_text(&scenario))?;
+        said += &format!(
+            "{} · {}\n{} · the truth, for scoring\n",
+            path.display(),
+            count(campaign.readings.len(), "reading"),
+            truth.display()
+        );
+    }
+    if let Some(folder) = &arguments.csv {
+        campaign.write_csv(folder)?;
+        // beside the folder, not in it: what is handed to a fit holds readings only
+        let truth = truth_path(folder);
+        write_text(&truth, &simulate::truth_text(&scenario))?;
+        said += &format!(
+            "{} · {}\n{} · the truth, for scoring\n",
+            folder.join("campaign.toml").display(),
+            count(campaign.readings.len(), "reading"),
+            truth.display()
+        );
+    }
+    let next = match (&recording, &arguments.csv) {
+        (Some(path), _) => path.clone(),
+        (None, Some(folder)) => folder.join("campaign.toml"),
+        (None, None) => PathBuf::new(),
+    };
+    print(&format!("{said}\nnext     misfit fit {}\n", next.display()))?;
+    Ok(Outcome::Done)
+}
+
+/// Simulates with a progress bar.
+pub(super) fn campaign(scenario: &Scenario) -> anyhow::Result<Campaign> {
+    let design = &scenario.design;
+    let readings = design.poses
+        * design.loads.len()
+        * design.directions
+        * design.repeats
+        * scenario.setup.targets.len();
+    let bar = progress::bar(readings as u64, "readings");
+    let campaign = simulate::simulate(scenario, || bar.inc(1))?;
+    bar.finish_and_clear();
+    Ok(campaign)
+}
+
+/// Writes the recording, the scenario with it.
+pub(super) fn write_recording(
+    scenario: &Scenario,
+    campaign: &Campaign,
+    path: &Path,
+) -> anyhow::Result<()> {
+    let metadata = BTreeMap::from([
+        ("scenario".to_owned(), scenario.name.clone()),
+        ("seed".to_owned(), scenario.seed.to_string()),
+        ("misfit".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+    ]);
+    recording::write_campaign(campaign, path, &metadata, &[])?;
+    Ok(())
+}
+
+/// `x.mcap` → `x.truth.toml`, beside it.
+pub(super) fn truth_path(beside: &Path) -> PathBuf {
+    beside.with_extension("truth.toml")
+}
+
+/// Writes a small file so that a failure leaves the old one whole.
+pub(super) fn write_text(path: &Path, text: &str) -> anyhow::Result<()> {
+    use std::io::Write;
+    crate::campaign::write_atomically(path, |writer| writer.write_all(text.as_bytes()))
+        .with_context(|| format!("{}: cannot be written", path.display()))
+}
