@@ -4,6 +4,7 @@ use super::{Outcome, print, print_json, progress};
 use crate::campaign::Campaign;
 use crate::fit::{self, Options};
 use crate::report;
+use crate::report::fit::Detail;
 use crate::model_file;
 use std::path::PathBuf;
 
@@ -76,7 +77,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             &campaign,
             &found,
             baseline.as_ref(),
-            arguments.all,
+            if arguments.all { Detail::Everything } else { Detail::Usual },
         ))?;
     }
     Ok(if found.converged {

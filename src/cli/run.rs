@@ -98,7 +98,7 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
     let text = format!(
         "{}\n{}\n{}\n{}",
         title(scenario),
-        report::fit::text(&campaign, &found, Some(&baseline), false),
+        report::fit::text(&campaign, &found, Some(&baseline), report::fit::Detail::Errors),
         report::run::springs(&compared, found.quantile()),
         report::run::checks(&checks)
     );

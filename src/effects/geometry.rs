@@ -1,18 +1,19 @@
 //! Constant geometric errors: links a little long, axes a little askew.
 //!
 //! ## Law
-//! Behind the pedestal and behind every joint a constant small motion of all that follows: translation
-//! `x, y, z` (m), then rotation vector `rx, ry, rz` (rad), in the frame that the joint moves. Six numbers a
-//! node hold every Denavit-Hartenberg and Hayati error; those that leave every reading unchanged are found by
-//! the fit's singular value decomposition, not assumed: 4 a revolute joint and 6 in all can be seen.
+//! Behind every joint a constant small motion of all that follows: translation `x, y, z` (m), then rotation
+//! vector `rx, ry, rz` (rad), in the frame that the joint moves. Six numbers a node hold every
+//! Denavit-Hartenberg and Hayati error; those that leave every reading unchanged are found by the fit's
+//! singular value decomposition, not assumed: with the frames, 4 a revolute joint and 6 in all can be seen.
+//! Where the pedestal stands is `tracker_frame`'s; how it leans against gravity is no geometric error.
 //!
 //! ## Signature
 //! Independent of load, direction and time; smooth in the joint angles, low harmonics. About 90 % of an
 //! uncalibrated robot's error at low load.
 //!
 //! ## Confused with
-//! `joint_offset` (contained in it), `tracker_frame` (the pedestal's node is the same), `target_offset` (the
-//! last node is the same with one target), a scale error of the tracker (exactly). Periodic gear errors keep
+//! `joint_offset` (contained in it), `tracker_frame` (a turn about the first axis is the same),
+//! `target_offset` (the last node is the same with one target), a scale error of the tracker (exactly). Periodic gear errors keep
 //! only 40 to 50 % of their signal beside it.
 //!
 //! ## Plant
@@ -30,7 +31,7 @@ use crate::setup::Setup;
 use nalgebra::{Isometry3, Vector3};
 use serde::Deserialize;
 
-/// Node motions of the pedestal and of every observed joint.
+/// Node motions of every observed joint.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Geometry {}
@@ -44,9 +45,9 @@ const COMPONENTS: [(&str, &str, f64); NODE] = [
     ("rz", "rad", 1e-3),
 ];
 
-/// The pedestal's node, then those of the observed joints.
+/// The nodes behind the observed joints.
 fn nodes(setup: &Setup) -> impl Iterator<Item = usize> + '_ {
-    std::iter::once(0).chain(setup.observed.iter().map(|joint| joint + 1))
+    setup.observed.iter().map(|joint| joint + 1)
 }
 
 impl Effect for Geometry {
@@ -55,10 +56,7 @@ impl Effect for Geometry {
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
         let of_node = |node: usize| {
-            let name = match node {
-                0 => "base",
-                _ => &setup.robot.joints[node - 1].name,
-            };
+            let name = &setup.robot.joints[node - 1].name;
             COMPONENTS.map(|(component, unit, typical)| {
                 Parameter::new(format!("{name}.{component}"), unit, typical)
             })

@@ -9,8 +9,8 @@
 //! campaign marks it `"estimate"`, whether named in the model or not.
 //!
 //! ## Confused with
-//! A constant motion of the pedestal (`geometry` of the base node): exactly the same. The offset of the
-//! first joint, if its axis is fixed in the base: exactly the same as a turn of the tracker about it.
+//! A robot that stands elsewhere than thought: exactly the same. The offset of the first joint: exactly a
+//! turn of the tracker about its axis.
 //!
 //! ## Plant
 //! The instrument layer places the tracker there.

@@ -277,6 +277,7 @@ fn estimate(
     let mut p = start;
     let mut solution = None;
     let mut dof = None;
+    let mut steps = 0;
     for round in 0..rounds {
         let problem = CampaignProblem::new(model, readings, &whiteners, &free, &p);
         let begin: Vec<f64> = free.iter().map(|&k| p[k]).collect();
@@ -284,6 +285,7 @@ fn estimate(
             on_step(&format!("step {iteration}, cost {cost:.6e}"));
         });
         p = problem.full(&found.p);
+        steps += found.iterations;
         if source == Source::Residual {
             let rank = solve::Spectrum::of(found.linear.factor.clone()).rank;
             let before = (shape.position, shape.orientation);
@@ -303,6 +305,7 @@ fn estimate(
     let Some(mut solution) = solution else {
         unreachable!("there is at least one round")
     };
+    solution.iterations = steps;
     if source == Source::Residual {
         // the factor belongs to the noise sizes of the round before
         let problem = CampaignProblem::new(model, readings, &whiteners, &free, &p);

@@ -6,14 +6,27 @@ use crate::fit::noise::Source;
 use crate::fit::{Errors, Fit, HeldoutBy, Status};
 use std::fmt::Write;
 
-/// The whole report; `baseline` is the fit of the frames alone, `all` lists every geometric parameter.
-pub fn text(campaign: &Campaign, fit: &Fit, baseline: Option<&Fit>, all: bool) -> String {
+/// Which parameters to list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Detail {
+    /// None.
+    Errors,
+    /// All but geometry, which is counted.
+    Usual,
+    /// Every one.
+    Everything,
+}
+
+/// The whole report; `baseline` is the fit of the frames alone.
+pub fn text(campaign: &Campaign, fit: &Fit, baseline: Option<&Fit>, detail: Detail) -> String {
     let mut out = String::new();
     let _ = writeln!(out, "{}", title(campaign, fit));
     let _ = writeln!(out, "{}", model_line(fit));
     let _ = writeln!(out, "{}", noise_line(campaign, fit));
     let _ = writeln!(out, "\n{}", error_lines(fit, baseline));
-    let _ = write!(out, "{}", parameter_tables(fit, all));
+    if detail != Detail::Errors {
+        let _ = write!(out, "{}", parameter_tables(fit, detail == Detail::Everything));
+    }
     if !fit.unobservable.is_empty() {
         let _ = writeln!(out, "\nnot seen");
         for row in &fit.unobservable {
@@ -21,7 +34,7 @@ pub fn text(campaign: &Campaign, fit: &Fit, baseline: Option<&Fit>, all: bool) -
         }
     }
     for warning in &campaign.warnings {
-        let _ = writeln!(out, "{}", wrap(&format!("\nnote     {warning}"), 9));
+        let _ = writeln!(out, "\n{}", wrap(&format!("note     {warning}"), 9));
     }
     let _ = write!(out, "\n{}", ending(fit));
     out

@@ -84,25 +84,29 @@ pub fn render(table: &Table) -> String {
     lines.join("\n")
 }
 
-/// Breaks a text at blanks into lines of at most [`WIDTH`] columns, continuation lines indented.
-pub fn wrap(first: &str, indent: usize) -> String {
-    let mut lines = vec![String::new()];
-    let mut used = 0;
-    for word in first.split(' ') {
+/// Breaks a text at blanks into lines of at most [`WIDTH`] columns, continuation lines indented; the blanks
+/// that it starts with are kept.
+pub fn wrap(text: &str, indent: usize) -> String {
+    let words = text.trim_start_matches(' ');
+    let mut line = " ".repeat(text.len() - words.len());
+    let mut used = line.len();
+    let mut lines = Vec::new();
+    let mut fresh = true;
+    for word in words.split(' ') {
         let long = word.chars().count();
-        if used + long + 1 > WIDTH as usize && used > indent {
-            lines.push(" ".repeat(indent));
+        if !fresh && used + 1 + long > WIDTH as usize {
+            lines.push(std::mem::replace(&mut line, " ".repeat(indent)));
             used = indent;
-        } else if used > 0 || !lines[lines.len() - 1].is_empty() {
-            if let Some(line) = lines.last_mut() {
-                line.push(' ');
-            }
+            fresh = true;
+        }
+        if !fresh {
+            line.push(' ');
             used += 1;
         }
-        if let Some(line) = lines.last_mut() {
-            line.push_str(word);
-        }
+        line.push_str(word);
         used += long;
+        fresh = false;
     }
+    lines.push(line);
     lines.join("\n")
 }

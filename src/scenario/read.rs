@@ -338,8 +338,11 @@ fn truths(
         }
         choice.apply(file, &mut parameters)?;
         for parameter in &mut parameters {
+            // drawn for every parameter, so that a value given for one does not move the others
             let draw: f64 = random.sample(StandardNormal);
-            parameter.value += spread * parameter.typical * draw;
+            if !choice.values.iter().any(|(name, _)| *name == parameter.name) {
+                parameter.value += spread * parameter.typical * draw;
+            }
         }
         truths.push(truth(&choice.effect, parameters));
         choices.push(choice);
