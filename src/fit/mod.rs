@@ -516,6 +516,10 @@ impl Problem for CampaignProblem<'_> {
     fn bounds(&self) -> &[(f64, f64)] {
         &self.bounds
     }
+
+    fn prior(&self) -> f64 {
+        solve::WEAK
+    }
 }
 
 fn squares(residuals: &[Vector6<f64>], whiteners: &[Whitener]) -> f64 {

@@ -7,7 +7,7 @@
 //! Source: Appl. Sci. 2019, 9, 65, eq. 30 to 35, 46 and 47, with its virtual work (eq. 13 to 18) corrected:
 //! the 8-row Jacobian is `G J`, the torque `Jᵀ w`. The paper's assumptions are kept: the load is the only
 //! cause, and every row counts alike, metres/2 beside radians/2. What it needs and takes as known, the frames,
-//! comes from a weighted fit of the unloaded readings.
+//! comes from a weighted fit of frames and geometry to the unloaded readings.
 
 use super::{Fit, FitError, Options, pose_key};
 use crate::campaign::{Campaign, Payload, Reading, Split};
@@ -92,7 +92,7 @@ pub fn fit(campaign: &Campaign) -> Result<PaperFit, PaperError> {
     if unloaded.readings.is_empty() {
         return Err(no_pairs());
     }
-    let model = crate::model_file::frames_only(&unloaded)?;
+    let model = crate::model_file::model(&unloaded, Some("geometry"), None)?;
     let options = Options {
         cross_validate: false,
     };

@@ -4,8 +4,10 @@
 //! minimise `‖r(p)‖²`, `lower ≤ p ≤ upper`
 //!
 //! Columns are scaled to each parameter's typical size, so that a singular value `s` says: along this
-//! direction the readings fix the parameters to `1/s` typical sizes. Directions with `s` below [`WEAK`] are
-//! left where they are: the readings say nothing about them. How it ended is a value, not an error.
+//! direction the readings fix the parameters to `1/s` typical sizes. Directions with `s` below [`WEAK`] carry no
+//! information worth the name. A prior of that width about the start keeps them near it: without one the fit
+//! creeps along curved valleys of equal cost and does not end. What the readings fix it leaves alone: it moves
+//! an estimate by `(WEAK/s)²` of its distance from the start. How it ended is a value, not an error.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -50,6 +52,8 @@ pub trait Problem: Sync {
     fn scale(&self) -> &[f64];
     /// Least and greatest values.
     fn bounds(&self) -> &[(f64, f64)];
+    /// Strength of the prior about the start, per typical size: [`WEAK`], or zero for none.
+    fn prior(&self) -> f64;
 }
 
 /// Where the solver stopped.
@@ -74,31 +78,36 @@ pub fn solve(problem: &dyn Problem, start: &[f64], mut on_step: impl FnMut(usize
         .zip(problem.bounds())
         .map(|(&p, &(lower, upper))| p.clamp(lower, upper))
         .collect();
+    let centre = p.clone();
     let mut linear = problem.linearise(&p);
     let mut damping = 0.0;
     for iteration in 0..ITERATIONS {
-        let cost = linear.cost();
+        let whole = with_prior(problem, &linear, &p, &centre);
+        let cost = whole.cost();
         on_step(iteration, cost);
         if !cost.is_finite() {
             return stop(problem, p, linear, false, iteration);
         }
+        let least = LEAST_DAMPING * whole.factor.norm_squared();
+        let gain_of = |step: &DVector<f64>| {
+            cost - (&whole.factor * step + &whole.right).norm_squared() - whole.rest
+        };
         let mut accepted = None;
-        let least = LEAST_DAMPING * linear.factor.norm_squared();
         for _ in 0..DAMPINGS {
-            let step = bounded_step(problem, &linear, &p, damping);
-            let gain = cost - (&linear.factor * &step + &linear.right).norm_squared() - linear.rest;
-            if damping == 0.0 && (gain < SMALL_STEP.powi(2) || gain < SMALL_GAIN * cost) {
-                return stop(problem, moved(problem, &p, &step), linear, true, iteration);
-            }
+            let step = bounded_step(problem, &whole, &p, damping);
+            let gain = gain_of(&step);
             let next = moved(problem, &p, &step);
-            let reached = problem.cost(&next);
+            if damping == 0.0 && (gain < SMALL_STEP.powi(2) || gain < SMALL_GAIN * cost) {
+                return stop(problem, next, linear, true, iteration);
+            }
+            let reached = problem.cost(&next) + distance(problem, &next, &centre);
             if reached < cost {
-                accepted = Some(next);
                 damping = if damping > 10.0 * least && reached < cost - 0.25 * gain {
                     damping * 0.1
                 } else {
                     0.0
                 };
+                accepted = Some(next);
                 break;
             }
             damping = (damping * 10.0).max(least);
@@ -110,15 +119,38 @@ pub fn solve(problem: &dyn Problem, start: &[f64], mut on_step: impl FnMut(usize
             }
             // no step lowers the cost: as low as rounding lets it be, or stuck
             None => {
-                let step = bounded_step(problem, &linear, &p, 0.0);
-                let gain =
-                    cost - (&linear.factor * &step + &linear.right).norm_squared() - linear.rest;
-                let converged = gain < 1e-6 * (1.0 + cost);
-                return stop(problem, p, linear, converged, iteration);
+                let gain = gain_of(&bounded_step(problem, &whole, &p, 0.0));
+                return stop(problem, p, linear, gain < 1e-6 * (1.0 + cost), iteration);
             }
         }
     }
     stop(problem, p, linear, false, ITERATIONS)
+}
+
+/// The prior's share of the cost.
+fn distance(problem: &dyn Problem, p: &[f64], centre: &[f64]) -> f64 {
+    let moved = p.iter().zip(centre).zip(problem.scale());
+    let squares: f64 = moved.map(|((p, c), scale)| ((p - c) / scale).powi(2)).sum();
+    problem.prior().powi(2) * squares
+}
+
+/// The problem with the prior's rows below it.
+fn with_prior(problem: &dyn Problem, linear: &Linear, p: &[f64], centre: &[f64]) -> Linear {
+    let strength = problem.prior();
+    if strength == 0.0 {
+        return linear.clone();
+    }
+    let (rows, n) = linear.factor.shape();
+    let mut stacked = DMatrix::zeros(rows + n, n + 1);
+    stacked.view_mut((0, 0), (rows, n)).copy_from(&linear.factor);
+    stacked.view_mut((0, n), (rows, 1)).copy_from(&linear.right);
+    for k in 0..n {
+        stacked[(rows + k, k)] = strength;
+        stacked[(rows + k, n)] = strength * (p[k] - centre[k]) / problem.scale()[k];
+    }
+    let mut whole = reduce([triangle(stacked)], n);
+    whole.rest += linear.rest;
+    whole
 }
 
 fn stop(
@@ -191,12 +223,19 @@ fn bounded_step(
 }
 
 /// `x` that minimises `‖A x + b‖² + damping ‖x‖²` over the directions that count.
-fn least_squares(factor: DMatrix<f64>, right: &DVector<f64>, damping: f64) -> DVector<f64> {
+fn least_squares(
+    factor: DMatrix<f64>,
+    right: &DVector<f64>,
+    damping: f64,
+) -> DVector<f64> {
     let spectrum = Spectrum::of(factor);
     let along = spectrum.u.transpose() * right;
     let mut step = DVector::zeros(spectrum.v.nrows());
-    for i in 0..spectrum.rank {
-        let s = spectrum.values[i];
+    let least = spectrum.rounding();
+    for (i, &s) in spectrum.values.iter().enumerate() {
+        if s < least {
+            break;
+        }
         step -= spectrum.v.column(i) * (s * along[i] / (s * s + damping));
     }
     step
@@ -216,6 +255,11 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
+    /// Singular values below this are rounding.
+    pub fn rounding(&self) -> f64 {
+        ROUNDING * self.values.first().copied().unwrap_or(0.0)
+    }
+
     /// Decomposes a matrix; fewer rows than columns are filled up with zeros.
     pub fn of(factor: DMatrix<f64>) -> Self {
         let n = factor.ncols();
