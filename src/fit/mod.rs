@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use solve::{Linear, Problem, Solution};
 use std::collections::BTreeMap;
 
-pub use rank::{Status, Unobservable};
+pub use rank::{LOST, Status, Unobservable};
 
 /// Readings a block: large enough to amortise a QR factorisation, fixed so that sums do not depend on threads.
 const BLOCK: usize = 48;

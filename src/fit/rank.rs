@@ -55,7 +55,7 @@ pub(super) struct Judged {
 }
 
 /// Share of a parameter in directions without information from which on it counts as unobservable.
-const LOST: f64 = 0.1;
+pub const LOST: f64 = 0.1;
 
 /// Judges the parameters of a solution; `variance` scales the covariance.
 pub(super) fn judge(model: &Model, free: &[usize], solution: &Solution, variance: f64) -> Judged {
@@ -67,7 +67,7 @@ pub(super) fn judge(model: &Model, free: &[usize], solution: &Solution, variance
     let everything = Spectrum::of(solution.linear.factor.clone());
     let spectrum = Spectrum::of(solution.linear.factor.select_columns(&inner));
     let m = inner.len();
-    let lost: Vec<f64> = (0..n).map(|k| share(&everything, k)).collect();
+    let lost: Vec<f64> = (0..n).map(|k| everything.lost(k)).collect();
     let mut scaled = DMatrix::zeros(m, m);
     for (i, &value) in spectrum.values.iter().enumerate() {
         let v = spectrum.v.column(i);
@@ -106,13 +106,6 @@ pub(super) fn judge(model: &Model, free: &[usize], solution: &Solution, variance
         unobservable: in_words(&names, &solution.linear.factor, &everything, &lost),
         rank: everything.rank,
     }
-}
-
-/// Squared length of a parameter's unit vector in the directions that do not count.
-fn share(spectrum: &Spectrum, parameter: usize) -> f64 {
-    (spectrum.rank..spectrum.values.len())
-        .map(|i| spectrum.v[(parameter, i)].powi(2))
-        .sum()
 }
 
 /// Parameters that no reading depends on one by one; the others grouped by effect, with their partners.

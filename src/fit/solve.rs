@@ -255,6 +255,19 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
+    /// Standard deviation of a parameter from the directions that count, typical sizes.
+    pub fn deviation(&self, parameter: usize) -> f64 {
+        let parts = (0..self.rank).map(|i| (self.v[(parameter, i)] / self.values[i]).powi(2));
+        parts.sum::<f64>().sqrt()
+    }
+
+    /// Share of a parameter in the directions that do not count: squared length of its unit vector there.
+    pub fn lost(&self, parameter: usize) -> f64 {
+        (self.rank..self.values.len())
+            .map(|i| self.v[(parameter, i)].powi(2))
+            .sum()
+    }
+
     /// Singular values below this are rounding.
     pub fn rounding(&self) -> f64 {
         ROUNDING * self.values.first().copied().unwrap_or(0.0)

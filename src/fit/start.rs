@@ -69,11 +69,8 @@ pub fn frames(campaign: &Campaign, setup: &Setup, readings: &[&Reading]) -> Star
 
 /// base_from_link of the nominal, unloaded robot.
 fn nominal_link(setup: &Setup, reading: &Reading) -> Isometry3<f64> {
-    let mut statics = crate::statics::Statics::new(setup);
-    let still = vec![0.0; crate::posture::displacement_count(setup)];
-    statics.place(setup, &reading.joints, &still);
     let link = &setup.robot.links[setup.targets[reading.target].link];
-    statics.body[link.body].to_isometry() * link.body_from_link
+    setup.robot.body_poses(&reading.joints)[link.body] * link.body_from_link
 }
 
 /// The tracker's rotation in the base frame if it is known or the readings hold orientations.

@@ -6,7 +6,7 @@ use super::design::{Visit, generator, stream, visits};
 use super::{Scenario, ScenarioError, Truth};
 use crate::campaign::{Campaign, Payload, Reading, Split};
 use crate::plant::instruments::{Draws, read};
-use crate::plant::{Command, Load, Plant, PlantError, PlantSpec};
+use crate::plant::{Command, Plant, PlantError, PlantSpec};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -116,12 +116,7 @@ fn take(
             .map(|(q, draw)| q + draw * scenario.noise.joint)
             .collect(),
         approach: vec![visit.direction; visit.joints.len()],
-        loads: vec![Load {
-            target: visit.target,
-            mass: load.mass,
-            com: load.com,
-            pull: load.pull,
-        }],
+        loads: vec![load.on(visit.target)],
     };
     let state = plant.state(&command)?;
     let seen = read(spec, &state, visit.target, &scenario.noise, draws);
