@@ -39,7 +39,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(seed) = arguments.seed {
         scenario.seed = seed;
     }
-    let campaigns = arguments.campaigns.map(|n| n as usize).or(scenario.campaigns);
+    let campaigns = arguments
+        .campaigns
+        .map(|n| n as usize)
+        .or(scenario.campaigns);
     let (document, text) = match campaigns {
         Some(campaigns) => study(&scenario, campaigns)?,
         None => fit_once(arguments, &scenario)?,
@@ -56,7 +59,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         print(&text)?;
     }
     let converged = scenario.expect.converged.is_some()
-        || document.fit.as_ref().is_none_or(report::json::FitDocument::converged);
+        || document
+            .fit
+            .as_ref()
+            .is_none_or(report::json::FitDocument::converged);
     Ok(if document.passed && converged {
         Outcome::Done
     } else {
@@ -104,7 +110,12 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
     let text = format!(
         "{}\n{}\n{}{}{}{}",
         title(scenario),
-        report::fit::text(&campaign, &found, Some(&baseline), report::fit::Detail::Errors),
+        report::fit::text(
+            &campaign,
+            &found,
+            Some(&baseline),
+            report::fit::Detail::Errors
+        ),
         report::run::springs(&compared, found.quantile(), by_paper.as_ref()),
         report::run::survey(scenario, &survey),
         report::run::instead(&instead),

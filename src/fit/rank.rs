@@ -125,7 +125,11 @@ fn in_words(
         if norms[k] < WEAK {
             words.push(Unobservable {
                 what: format!("{effect}.{}", parameter.name),
-                why: format!("{} ({})", unseen(effect, parameter), size(norms[k], parameter)),
+                why: format!(
+                    "{} ({})",
+                    unseen(effect, parameter),
+                    size(norms[k], parameter)
+                ),
             });
         } else {
             together.entry(effect).or_default().push(k);
@@ -142,7 +146,8 @@ fn in_words(
         let why = if strongest < 10.0 * WEAK {
             "too weak beside the others to be told from them".to_owned()
         } else if partners.is_empty() {
-            "only in combination with each other: some motions of one undo those of another".to_owned()
+            "only in combination with each other: some motions of one undo those of another"
+                .to_owned()
         } else {
             format!(
                 "only in combination with {}: what one does the other can undo",

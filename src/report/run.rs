@@ -1,8 +1,8 @@
 //! A scenario's run on the terminal, and as JSON.
 
 use super::format::{angle, count, length, number, render, table, wrap};
-use super::paper::PaperDocument;
 use super::json::FitDocument;
+use super::paper::PaperDocument;
 use crate::fit::Status;
 use crate::fit::paper::PaperFit;
 use crate::scenario::Scenario;
@@ -140,7 +140,10 @@ pub fn springs(compared: &[Comparison], quantile: f64, paper: Option<&PaperFit>)
         ]);
         rows.add_row(cells);
     }
-    format!("springs of MuJoCo beside those identified, N·m/rad\n{}\n\n", render(&rows))
+    format!(
+        "springs of MuJoCo beside those identified, N·m/rad\n{}\n\n",
+        render(&rows)
+    )
 }
 
 fn dash() -> String {
@@ -172,13 +175,21 @@ pub fn survey(scenario: &Scenario, rows_of: &[Survey]) -> String {
         return String::new();
     }
     let mut rows = table(
-        &["springs", "target", "position, max", "median", "orientation, max", "does not hold"],
+        &[
+            "springs",
+            "target",
+            "position, max",
+            "median",
+            "orientation, max",
+            "does not hold",
+        ],
         &[2, 3, 4, 5],
     );
     for row in rows_of {
         rows.add_row(vec![
-            row.exponent
-                .map_or("as in MuJoCo".to_owned(), |e| format!("paper's tables × 10^{e}")),
+            row.exponent.map_or("as in MuJoCo".to_owned(), |e| {
+                format!("paper's tables × 10^{e}")
+            }),
             row.target.clone(),
             length(row.position_max_m),
             length(row.position_median_m),
@@ -228,7 +239,14 @@ fn percent(share: f64) -> String {
 /// The study's table.
 pub fn study(study: &Study) -> String {
     let mut rows = table(
-        &["compliance of", "bound σ/c", "efficiency", "bias/σ", "coverage", "paper's efficiency"],
+        &[
+            "compliance of",
+            "bound σ/c",
+            "efficiency",
+            "bias/σ",
+            "coverage",
+            "paper's efficiency",
+        ],
         &[1, 2, 3, 4, 5],
     );
     for joint in &study.joints {
@@ -255,7 +273,11 @@ pub fn study(study: &Study) -> String {
         render(&rows)
     );
     if study.not_converged > 0 {
-        let _ = writeln!(out, "\n{} did not converge", count(study.not_converged, "fit"));
+        let _ = writeln!(
+            out,
+            "\n{} did not converge",
+            count(study.not_converged, "fit")
+        );
     }
     out
 }

@@ -176,7 +176,9 @@ fn heights(scenario: &Scenario, joints: &[f64]) -> impl Iterator<Item = f64> {
     let setup = &scenario.setup;
     let poses = setup.robot.body_poses(joints);
     // without gravity there is no up; the base's z axis serves
-    let up = (-setup.gravity).try_normalize(0.0).unwrap_or_else(Vector3::z);
+    let up = (-setup.gravity)
+        .try_normalize(0.0)
+        .unwrap_or_else(Vector3::z);
     setup.targets.iter().map(move |target| {
         let link = &setup.robot.links[target.link];
         let pose = poses[link.body] * link.body_from_link;

@@ -230,12 +230,13 @@ pub struct Bound {
 /// If the plant or the model cannot be built.
 pub fn bounds(scenario: &Scenario) -> Result<Vec<Bound>, ScenarioError> {
     let campaign = simulate::simulate(scenario, || {})?;
-    let model = model_file::model(&campaign, scenario.effects.as_deref(), None).map_err(|error| {
-        ScenarioError::Form {
-            file: scenario.name.clone(),
-            message: error.to_string(),
-        }
-    })?;
+    let model =
+        model_file::model(&campaign, scenario.effects.as_deref(), None).map_err(|error| {
+            ScenarioError::Form {
+                file: scenario.name.clone(),
+                message: error.to_string(),
+            }
+        })?;
     let truth = true_values(scenario, &model);
     let parameters: Vec<_> = model.parameters().collect();
     let free: Vec<usize> = (0..parameters.len())

@@ -35,9 +35,11 @@ pub fn stiffness(
                 table.map(|value| value * 10f64.powi(exponent))
             }
             ("paper", None) => {
-                return Err("paper needs exponent = 4 (or 3, 5, 6): none of them agrees with all of the \
+                return Err(
+                    "paper needs exponent = 4 (or 3, 5, 6): none of them agrees with all of the \
                             paper's own deflections"
-                    .to_owned());
+                        .to_owned(),
+                );
             }
             _ => return Err(format!("no preset is called \"{name}\"; known: {NAMES}")),
         };

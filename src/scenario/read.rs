@@ -128,8 +128,8 @@ impl Scenario {
             file: file.clone(),
             source,
         })?;
-        let all: toml::Table = toml::from_str(&text)
-            .map_err(|error| form(error.to_string().trim_end().to_owned()))?;
+        let all: toml::Table =
+            toml::from_str(&text).map_err(|error| form(error.to_string().trim_end().to_owned()))?;
         let shared = ["robot", "base", "gravity", "target", "frames", "noise"];
         let (shared, own): (toml::Table, toml::Table) = all
             .into_iter()
@@ -337,8 +337,10 @@ fn truths(
                     ))
                 })?,
         };
-        if matches!(table.get("hold"), Some(_)) {
-            return Err(form(format!("{place}: a truth is not held; leave hold out")));
+        if table.contains_key("hold") {
+            return Err(form(format!(
+                "{place}: a truth is not held; leave hold out"
+            )));
         }
         let choice = Choice::parse(file, &place, table)?;
         let mut parameters = choice.effect.parameters(setup);
@@ -349,8 +351,8 @@ fn truths(
                     choice.effect.id()
                 )));
             }
-            let stiffness =
-                presets::stiffness(name, exponent, setup).map_err(|e| form(format!("{place}: {e}")))?;
+            let stiffness = presets::stiffness(name, exponent, setup)
+                .map_err(|e| form(format!("{place}: {e}")))?;
             for (joint, stiffness) in stiffness {
                 let name = &setup.robot.joints[joint].name;
                 if let Some(parameter) = parameters.iter_mut().find(|p| p.name == *name) {
@@ -358,13 +360,19 @@ fn truths(
                 }
             }
         } else if exponent.is_some() {
-            return Err(form(format!("{place}: exponent goes with preset = \"paper\"")));
+            return Err(form(format!(
+                "{place}: exponent goes with preset = \"paper\""
+            )));
         }
         choice.apply(file, &mut parameters)?;
         for parameter in &mut parameters {
             // drawn for every parameter, so that a value given for one does not move the others
             let draw: f64 = random.sample(StandardNormal);
-            if !choice.values.iter().any(|(name, _)| *name == parameter.name) {
+            if !choice
+                .values
+                .iter()
+                .any(|(name, _)| *name == parameter.name)
+            {
                 parameter.value += spread * parameter.typical * draw;
             }
         }

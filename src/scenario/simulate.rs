@@ -121,7 +121,10 @@ fn take(
     let state = plant.state(&command)?;
     let seen = read(spec, &state, visit.target, &scenario.noise, draws);
     let design = &scenario.design;
-    let pulled = design.loads.iter().any(|load| load.pull != Vector3::zeros());
+    let pulled = design
+        .loads
+        .iter()
+        .any(|load| load.pull != Vector3::zeros());
     Ok(Reading {
         // the header of the table is line 1
         line: index + 2,
@@ -156,7 +159,10 @@ pub fn truth_text(scenario: &Scenario) -> String {
         scenario.name, scenario.seed
     );
     for Truth { effect, values } in &scenario.truth {
-        text += &format!("\n[[effect]]\nkind = \"{}\"\n[effect.values]\n", effect.id());
+        text += &format!(
+            "\n[[effect]]\nkind = \"{}\"\n[effect.values]\n",
+            effect.id()
+        );
         for (name, value) in values {
             text += &format!("{} = {value:?}\n", toml::Value::from(name.as_str()));
         }

@@ -57,7 +57,14 @@ pub fn survey(
         }
         let spec = simulate::plant_spec(&one).map_err(|error| plant(scenario, error))?;
         for target in 0..scenario.setup.targets.len() {
-            rows.push(survey_target(&one, &spec, target, exponent, workspace, &on_posture)?);
+            rows.push(survey_target(
+                &one,
+                &spec,
+                target,
+                exponent,
+                workspace,
+                &on_posture,
+            )?);
         }
     }
     Ok(rows)
