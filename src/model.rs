@@ -2,16 +2,22 @@
 //!
 //! The prediction solves the loaded equilibrium: elastic effects move the arm, which moves the loads, until
 //! both agree. Derivatives come in two exact steps: each effect's law by dual numbers, from parameters to
-//! displacements; everything behind it (kinematics, geometric stiffness, frames) in closed form, from
-//! displacements to the reading. One code path serves every effect.
+//! deviations; everything behind it (kinematics, geometric stiffness, frames) in closed form, from
+//! deviations to the reading. One code path serves every effect.
+//!
+//! A reading has twelve rows: position, rotation vector (tracker's frame), force and torque of the wrist sensor
+//! (link's frame). The wrench is a row only where a payload is known too; alone, it is the load.
 
 use crate::campaign::{Campaign, Frame, Reading};
 use crate::dual_quaternion::{DualQuaternion, constant, rotation_vector};
 use crate::effects::{AnyEffect, DIRECTIONS, Dual, Parameter, Stage};
-use crate::posture::{Posture, displacement_count};
+use crate::posture::{Kind, Posture, Slots};
 use crate::setup::Setup;
 use crate::statics::{Load, Screw, Statics};
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, SVector, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{
+    Const, DMatrix, DVector, Dyn, Isometry3, Matrix3, OMatrix, SVector, UnitQuaternion, Vector3,
+    Vector6,
+};
 use std::sync::Arc;
 
 /// An effect with its parameters, and where they start in the model's parameter vector.
@@ -112,26 +118,34 @@ pub struct Prediction {
     pub position: Vector3<f64>,
     /// tracker_from_target rotation.
     pub orientation: UnitQuaternion<f64>,
+    /// What the wrist sensor should read, `[f; m]`, link frame, N and N·m: the payload's weight.
+    pub wrench: Vector6<f64>,
     /// Did the loaded equilibrium converge?
     pub settled: bool,
 }
 
-/// Six rows (position, then rotation vector; tracker frame) by one column a parameter.
-pub type Rows6 = nalgebra::Matrix6xX<f64>;
+/// Position 3 (m), rotation vector 3 (rad), force 3 (N), torque 3 (N·m).
+pub const ROWS: usize = 12;
+/// The rows of one reading.
+pub type Row = SVector<f64, ROWS>;
+/// The rows of one reading by one column a parameter.
+pub type Rows = OMatrix<f64, Const<ROWS>, Dyn>;
 
 /// Buffers for predictions of one robot; one a thread.
 pub struct Workspace {
     statics: Statics,
+    slots: Slots,
     rigid: Vec<f64>,
-    displacements: Vec<f64>,
+    deviations: Vec<f64>,
     next: Vec<f64>,
     no_wrench: Vec<Vector6<f64>>,
     dual_wrenches: Vec<Vector6<Dual>>,
-    dual_displacements: Vec<Dual>,
+    dual_deviations: Vec<Dual>,
     frames: Frames,
+    sensed: Vector6<f64>,
     elastic: Vec<Elastic>,
     entries: Vec<Entry>,
-    slot_rows: Vec<Option<Vector6<f64>>>,
+    slot_rows: Vec<Option<Row>>,
     response: DMatrix<f64>,
 }
 
@@ -141,14 +155,15 @@ struct Frames {
     link_from_target: DualQuaternion<f64>,
 }
 
-/// A displacement that depends on the wrench at its node.
+/// A deviation that depends on the wrench at its node.
 struct Elastic {
+    kind: Kind,
     slot: usize,
     /// By local wrench component.
     compliance: Vector6<f64>,
 }
 
-/// A parameter's push on one displacement.
+/// A parameter's push on one deviation.
 struct Entry {
     slot: usize,
     parameter: usize,
@@ -159,26 +174,33 @@ struct Entry {
 const SETTLED: f64 = 1e-15;
 const ITERATIONS: usize = 60;
 
+/// Is the wrench of a reading measured beside a known load?
+pub fn wrench_is_measured(reading: &Reading) -> bool {
+    reading.payload.is_some() && reading.wrench.is_some()
+}
+
 impl Workspace {
     /// Buffers for a model's robot.
     pub fn new(setup: &Setup) -> Self {
-        let slots = displacement_count(setup);
+        let slots = Slots::of(setup);
         let nodes = setup.robot.bodies.len();
         Self {
             statics: Statics::new(setup),
-            rigid: vec![0.0; slots],
-            displacements: vec![0.0; slots],
-            next: vec![0.0; slots],
+            slots,
+            rigid: vec![0.0; slots.count],
+            deviations: vec![0.0; slots.count],
+            next: vec![0.0; slots.count],
             no_wrench: vec![Vector6::zeros(); nodes],
             dual_wrenches: vec![Vector6::from_element(constant(0.0)); nodes],
-            dual_displacements: vec![constant(0.0); slots],
+            dual_deviations: vec![constant(0.0); slots.count],
             frames: Frames {
                 base_from_tracker: DualQuaternion::identity(),
                 link_from_target: DualQuaternion::identity(),
             },
+            sensed: Vector6::zeros(),
             elastic: Vec::new(),
             entries: Vec::new(),
-            slot_rows: vec![None; slots],
+            slot_rows: vec![None; slots.count],
             response: DMatrix::zeros(0, 0),
         }
     }
@@ -186,17 +208,26 @@ impl Workspace {
     /// Predicts one reading.
     pub fn predict(&mut self, model: &Model, p: &[f64], reading: &Reading) -> Prediction {
         self.rigid.fill(0.0);
+        // a wrench that is the load is known before the statics; one beside a known load follows from them
+        let measured = wrench_is_measured(reading);
+        self.sensed = match (measured, reading.wrench) {
+            (false, Some(wrench)) => stacked(&wrench.force, &wrench.torque),
+            _ => Vector6::zeros(),
+        };
         let mut posture = Posture {
             setup: &model.setup,
             reading,
             wrenches: &self.no_wrench,
-            displacements: &mut self.rigid,
+            sensed: self.sensed,
+            deviations: &mut self.rigid,
             base_from_tracker: DualQuaternion::identity(),
             link_from_target: DualQuaternion::identity(),
         };
         for term in &model.terms {
-            if term.effect.stage() != Stage::Elastic {
-                term.effect.perturb(term.of(p), &mut posture);
+            match term.effect.stage() {
+                Stage::Elastic => {}
+                Stage::Sensor if measured => {}
+                _ => term.effect.perturb(term.of(p), &mut posture),
             }
         }
         self.frames = Frames {
@@ -204,40 +235,74 @@ impl Workspace {
             link_from_target: posture.link_from_target,
         };
         let settled = self.settle(model, p, reading);
+        let wrench = if measured {
+            self.sense(model, p, reading)
+        } else {
+            Vector6::zeros()
+        };
         let target = self.target(model, reading);
         let seen = self.frames.base_from_tracker.conjugate() * target;
+        let scale = 1.0 + self.deviations[self.slots.tracker_scale];
         Prediction {
-            position: seen.translation(),
+            position: seen.translation() * scale,
             orientation: seen.rotation(),
+            wrench,
             settled,
         }
     }
 
-    /// base_from_target of the posture last composed.
-    fn target(&self, model: &Model, reading: &Reading) -> DualQuaternion<f64> {
-        let link = &model.setup.robot.links[model.setup.targets[reading.target].link];
-        self.statics.body[link.body]
-            * DualQuaternion::from_isometry(&link.body_from_link)
-            * self.frames.link_from_target
+    /// What the wrist sensor reads of the known load: the truth, then the sensor's effects on it.
+    fn sense(&mut self, model: &Model, p: &[f64], reading: &Reading) -> Vector6<f64> {
+        let origin = self.link(model, reading).translation();
+        self.sensed = self.statics.payload_wrench(&origin);
+        let mut posture = Posture {
+            setup: &model.setup,
+            reading,
+            wrenches: &self.no_wrench,
+            sensed: self.sensed,
+            deviations: &mut self.deviations,
+            base_from_tracker: DualQuaternion::identity(),
+            link_from_target: DualQuaternion::identity(),
+        };
+        for term in &model.terms {
+            if term.effect.stage() == Stage::Sensor {
+                term.effect.perturb(term.of(p), &mut posture);
+            }
+        }
+        let first = self.slots.sensed;
+        self.sensed + Vector6::from_column_slice(&self.deviations[first..first + 6])
     }
 
-    /// Solves the loaded equilibrium into `displacements`.
+    /// base_from_link of the target's link in the posture last composed.
+    fn link(&self, model: &Model, reading: &Reading) -> DualQuaternion<f64> {
+        let link = &model.setup.robot.links[model.setup.targets[reading.target].link];
+        self.statics.body[link.body] * DualQuaternion::from_isometry(&link.body_from_link)
+    }
+
+    /// base_from_target of the posture last composed.
+    fn target(&self, model: &Model, reading: &Reading) -> DualQuaternion<f64> {
+        self.link(model, reading) * self.frames.link_from_target
+    }
+
+    /// Solves the loaded equilibrium into `deviations`.
     fn settle(&mut self, model: &Model, p: &[f64], reading: &Reading) -> bool {
         let setup = &model.setup;
         let load = Load::of(setup, reading);
-        self.displacements.copy_from_slice(&self.rigid);
+        self.deviations.copy_from_slice(&self.rigid);
         let elastic = model
             .terms
             .iter()
             .any(|term| term.effect.stage() == Stage::Elastic);
-        self.statics
-            .place(setup, &reading.joints, &self.displacements);
+        self.statics.place(setup, &reading.joints, &self.deviations);
         if !elastic {
+            if wrench_is_measured(reading) {
+                self.statics.load(setup, &load, &self.deviations);
+            }
             return true;
         }
         let mut last = f64::INFINITY;
         for _ in 0..ITERATIONS {
-            self.statics.load(setup, &load);
+            self.statics.load(setup, &load, &self.deviations);
             self.elastic_law(model, p, reading);
             let mut step = self.largest_step();
             // Weights contract the fixed point by about 0.01 an iteration on a stiff arm; on a soft one
@@ -246,9 +311,8 @@ impl Workspace {
                 self.newton_target(model, p, reading);
                 step = self.largest_step();
             }
-            std::mem::swap(&mut self.displacements, &mut self.next);
-            self.statics
-                .place(setup, &reading.joints, &self.displacements);
+            std::mem::swap(&mut self.deviations, &mut self.next);
+            self.statics.place(setup, &reading.joints, &self.deviations);
             if step <= SETTLED {
                 return true;
             }
@@ -267,19 +331,20 @@ impl Workspace {
     fn largest_step(&self) -> f64 {
         self.next
             .iter()
-            .zip(&self.displacements)
+            .zip(&self.deviations)
             .map(|(a, b)| (a - b).abs())
             .fold(0.0, |a, b| if b.is_nan() { f64::NAN } else { a.max(b) })
     }
 
-    /// `next` = rigid displacements + elastic laws at the present wrenches.
+    /// `next` = rigid deviations + elastic laws at the present wrenches.
     fn elastic_law(&mut self, model: &Model, p: &[f64], reading: &Reading) {
         self.next.copy_from_slice(&self.rigid);
         let mut posture = Posture {
             setup: &model.setup,
             reading,
             wrenches: &self.statics.local_wrench,
-            displacements: &mut self.next,
+            sensed: self.sensed,
+            deviations: &mut self.next,
             base_from_tracker: self.frames.base_from_tracker,
             link_from_target: self.frames.link_from_target,
         };
@@ -294,57 +359,52 @@ impl Workspace {
     fn newton_target(&mut self, model: &Model, p: &[f64], reading: &Reading) {
         self.find_elastic(model, p, reading);
         let n = self.elastic.len();
-        let mut matrix = DMatrix::identity(n, n);
-        for (row, column, value) in self.stiffness_rows(model) {
-            matrix[(row, column)] -= value;
+        if n == 0 {
+            return;
         }
+        let matrix = self.one_minus_stiffness(model);
         let gap = DVector::from_iterator(
             n,
             self.elastic
                 .iter()
-                .map(|e| self.next[e.slot] - self.displacements[e.slot]),
+                .map(|e| self.next[e.slot] - self.deviations[e.slot]),
         );
-        if n == 0 {
-            return;
-        }
         if let Some(step) = matrix.lu().solve(&gap) {
             for (e, step) in self.elastic.iter().zip(step.iter()) {
-                self.next[e.slot] = self.displacements[e.slot] + step;
+                self.next[e.slot] = self.deviations[e.slot] + step;
             }
         }
     }
 
-    /// `(row, column, value)` of the elastic laws' answer to elastic displacements.
-    fn stiffness_rows(&self, model: &Model) -> Vec<(usize, usize, f64)> {
-        let mut all = Vec::with_capacity(self.elastic.len() * self.elastic.len());
+    /// `1 - G`, `G` the elastic laws' answer to elastic deviations through the loads.
+    fn one_minus_stiffness(&self, model: &Model) -> DMatrix<f64> {
+        let n = self.elastic.len();
+        let mut matrix = DMatrix::identity(n, n);
         for (column, e) in self.elastic.iter().enumerate() {
-            let screw = self
-                .statics
-                .screw(&model.setup, e.slot, &self.displacements);
-            for (row, value) in self.wrench_answers(model, e.slot, &screw).enumerate() {
-                all.push((row, column, value));
+            for (row, value) in self.answers(model, e.kind).into_iter().enumerate() {
+                matrix[(row, column)] -= value;
             }
         }
-        all
+        matrix
     }
 
-    /// By elastic displacement: its law's answer when `slot` moves by a unit.
-    fn wrench_answers<'a>(
-        &'a self,
-        model: &'a Model,
-        slot: usize,
-        screw: &'a Screw,
-    ) -> impl Iterator<Item = f64> + 'a {
-        let moved = self.statics.node_of(&model.setup, slot);
-        self.elastic.iter().map(move |e| {
-            let (node, _) = self.statics.node_of(&model.setup, e.slot);
+    /// By elastic deviation: its law's answer to a unit of another deviation.
+    fn answers(&self, model: &Model, kind: Kind) -> Vec<f64> {
+        let screw = self.statics.screw(&model.setup, kind, &self.deviations);
+        let moved = Statics::node_of(kind);
+        let answer = |e: &Elastic| {
+            let (node, _) = Statics::node_of(e.kind);
             let (force, torque) = self.statics.world_row(node, &e.compliance);
-            self.statics
-                .wrench_rate((&force, &torque), node, moved, screw)
-        })
+            let row = (&force, &torque);
+            match &screw {
+                Some(screw) => self.statics.wrench_rate(row, node, moved, screw),
+                None => self.statics.load_rate(&model.setup, row, node, kind),
+            }
+        };
+        self.elastic.iter().map(answer).collect()
     }
 
-    /// Finds the displacements that depend on wrenches, and how: dual numbers along each wrench component,
+    /// Finds the deviations that depend on wrenches, and how: dual numbers along each wrench component,
     /// of all nodes at once, since a law sees only its own node's.
     fn find_elastic(&mut self, model: &Model, p: &[f64], reading: &Reading) {
         self.elastic.clear();
@@ -357,12 +417,13 @@ impl Workspace {
                 dual[k] = seeded(wrench[k], k);
             }
         }
-        self.dual_displacements.fill(constant(0.0));
+        self.dual_deviations.fill(constant(0.0));
         let mut posture = Posture {
             setup: &model.setup,
             reading,
             wrenches: &self.dual_wrenches,
-            displacements: &mut self.dual_displacements,
+            sensed: self.sensed,
+            deviations: &mut self.dual_deviations,
             base_from_tracker: DualQuaternion::identity(),
             link_from_target: DualQuaternion::identity(),
         };
@@ -372,25 +433,30 @@ impl Workspace {
                 term.effect.perturb_dual(&p, &mut posture);
             }
         }
-        for (slot, value) in self.dual_displacements.iter().enumerate() {
+        for (slot, value) in self.dual_deviations.iter().enumerate() {
             if let Some(rates) = rates(value) {
                 let compliance = rates.fixed_rows::<6>(0).into_owned();
                 if compliance != Vector6::zeros() {
-                    self.elastic.push(Elastic { slot, compliance });
+                    let kind = self.slots.kind(slot);
+                    self.elastic.push(Elastic {
+                        kind,
+                        slot,
+                        compliance,
+                    });
                 }
             }
         }
     }
 
-    /// Predicts one reading, and its derivative: six rows (position, rotation; tracker frame) for each
-    /// parameter listed in `wanted`, written into the columns of `jacobian`.
+    /// Predicts one reading, and its derivative: the rows for each parameter marked in `wanted`, written into
+    /// the columns of `jacobian`.
     pub fn sensitivity(
         &mut self,
         model: &Model,
         p: &[f64],
         wanted: &[bool],
         reading: &Reading,
-        jacobian: &mut Rows6,
+        jacobian: &mut Rows,
     ) -> Prediction {
         let prediction = self.predict(model, p, reading);
         jacobian.fill(0.0);
@@ -409,14 +475,14 @@ impl Workspace {
         prediction
     }
 
-    /// Six rows (position, rotation; tracker frame) for a unit of each joint's angle, the load following:
-    /// what a joint's lack of repeatability does to the reading last predicted.
+    /// The rows for a unit of each joint's angle, the load following: what a joint's lack of repeatability does
+    /// to the reading.
     pub fn joint_jacobian(
         &mut self,
         model: &Model,
         p: &[f64],
         reading: &Reading,
-        jacobian: &mut Rows6,
+        jacobian: &mut Rows,
     ) -> Prediction {
         let prediction = self.predict(model, p, reading);
         self.prepare_response(model, p, reading);
@@ -427,7 +493,7 @@ impl Workspace {
         prediction
     }
 
-    /// Sets up how the target answers elastic displacements: `response = Y_e (1 - G)⁻¹`, 6 × elastic.
+    /// Sets up how the target answers elastic deviations: `response = Y_e (1 - G)⁻¹`, 6 × elastic.
     fn prepare_response(&mut self, model: &Model, p: &[f64], reading: &Reading) {
         self.slot_rows.fill(None);
         if model
@@ -442,17 +508,14 @@ impl Workspace {
         let n = self.elastic.len();
         let mut direct = DMatrix::zeros(6, n);
         for (column, e) in self.elastic.iter().enumerate() {
-            direct.set_column(column, &self.direct_row(model, reading, e.slot));
-        }
-        let mut matrix = DMatrix::identity(n, n);
-        for (row, column, value) in self.stiffness_rows(model) {
-            matrix[(row, column)] -= value;
+            direct.set_column(column, &self.direct_row(model, reading, e.kind));
         }
         if n == 0 {
             // nalgebra's LU refuses a system of none
             self.response = direct;
             return;
         }
+        let matrix = self.one_minus_stiffness(model);
         self.response = match matrix.transpose().lu().solve(&direct.transpose()) {
             Some(solution) => solution.transpose(),
             // a posture at the edge of collapse: the direct answer is the best there is
@@ -460,16 +523,20 @@ impl Workspace {
         };
     }
 
-    /// Motion of the target as the tracker sees it when `slot` moves by a unit and nothing else does.
-    fn direct_row(&self, model: &Model, reading: &Reading, slot: usize) -> Vector6<f64> {
-        let (node, _) = self.statics.node_of(&model.setup, slot);
-        if !self
-            .statics
-            .carries(node, model.setup.target_body(reading.target))
-        {
+    /// Motion of the target as the tracker sees it under a unit of a deviation, the loads left where they are.
+    fn direct_row(&self, model: &Model, reading: &Reading, kind: Kind) -> Vector6<f64> {
+        if kind == Kind::TrackerScale {
+            let seen = self.frames.base_from_tracker.conjugate() * self.target(model, reading);
+            return stacked(&seen.translation(), &Vector3::zeros());
+        }
+        let Some(screw) = self.statics.screw(&model.setup, kind, &self.deviations) else {
+            return Vector6::zeros();
+        };
+        let (node, _) = Statics::node_of(kind);
+        let body = model.setup.target_body(reading.target);
+        if !self.statics.carries(node, body) {
             return Vector6::zeros();
         }
-        let screw = self.statics.screw(&model.setup, slot, &self.displacements);
         self.seen(model, reading, &screw)
     }
 
@@ -477,28 +544,37 @@ impl Workspace {
     fn seen(&self, model: &Model, reading: &Reading, screw: &Screw) -> Vector6<f64> {
         let point = self.target(model, reading).translation();
         let back = self.frames.base_from_tracker.conjugate();
-        let linear = back.transform_vector(&screw.at(&point));
-        let angular = back.transform_vector(&screw.angular);
-        Vector6::new(
-            linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
+        let scale = 1.0 + self.deviations[self.slots.tracker_scale];
+        stacked(
+            &(back.transform_vector(&screw.at(&point)) * scale),
+            &back.transform_vector(&screw.angular),
         )
     }
 
-    /// The same with the loads following: what a unit of a displacement does to the reading.
-    fn slot_row(&mut self, model: &Model, reading: &Reading, slot: usize) -> Vector6<f64> {
+    /// What a unit of a deviation does to the reading, the loads following.
+    fn slot_row(&mut self, model: &Model, reading: &Reading, slot: usize) -> Row {
         if let Some(row) = self.slot_rows[slot] {
             return row;
         }
-        let mut row = self.direct_row(model, reading, slot);
-        let screw = self.statics.screw(&model.setup, slot, &self.displacements);
-        for (column, answer) in self.wrench_answers(model, slot, &screw).enumerate() {
-            row += self.response.column(column) * answer;
+        let kind = self.slots.kind(slot);
+        let mut pose = self.direct_row(model, reading, kind);
+        for (column, answer) in self.answers(model, kind).into_iter().enumerate() {
+            pose += self.response.column(column) * answer;
+        }
+        let mut row = Row::zeros();
+        row.fixed_rows_mut::<6>(0).copy_from(&pose);
+        if wrench_is_measured(reading) {
+            let turn = pose.fixed_rows::<3>(3).into_owned();
+            let turn = self.frames.base_from_tracker.transform_vector(&turn);
+            let origin = self.link(model, reading).translation();
+            let wrench = self.statics.payload_wrench_rate(&origin, &turn, kind);
+            row.fixed_rows_mut::<6>(6).copy_from(&wrench);
         }
         self.slot_rows[slot] = Some(row);
         row
     }
 
-    /// One effect's derivative: displacements into `entries`, frames straight into `jacobian`.
+    /// One effect's derivative: deviations into `entries`, frames straight into `jacobian`.
     fn term_entries(
         &mut self,
         model: &Model,
@@ -506,7 +582,7 @@ impl Workspace {
         p: &[f64],
         wanted: &[bool],
         reading: &Reading,
-        jacobian: &mut Rows6,
+        jacobian: &mut Rows,
     ) {
         let term = &model.terms[index];
         let count = term.parameters.len();
@@ -525,12 +601,13 @@ impl Workspace {
                     *dual = wrench.map(constant);
                 }
             }
-            self.dual_displacements.fill(constant(0.0));
+            self.dual_deviations.fill(constant(0.0));
             let mut posture = Posture {
                 setup: &model.setup,
                 reading,
                 wrenches: &self.dual_wrenches,
-                displacements: &mut self.dual_displacements,
+                sensed: self.sensed,
+                deviations: &mut self.dual_deviations,
                 base_from_tracker: DualQuaternion::identity(),
                 link_from_target: DualQuaternion::identity(),
             };
@@ -548,7 +625,7 @@ impl Workspace {
                 term.effect.perturb_dual(&duals, &mut posture);
             }
             let (tracker, target) = (posture.base_from_tracker, posture.link_from_target);
-            for (slot, value) in self.dual_displacements.iter().enumerate() {
+            for (slot, value) in self.dual_deviations.iter().enumerate() {
                 let Some(rates) = rates(value) else { continue };
                 for (direction, &k) in chunk.iter().enumerate() {
                     if rates[direction] != 0.0 {
@@ -568,8 +645,9 @@ impl Workspace {
                         linear: by_target.linear - by_tracker.linear,
                         angular: by_target.angular - by_tracker.angular,
                     };
-                    let row = self.seen(model, reading, &net);
-                    jacobian.set_column(term.first + k, &row);
+                    let pose = self.seen(model, reading, &net);
+                    let mut column = jacobian.column_mut(term.first + k);
+                    column.rows_mut(0, 6).copy_from(&pose);
                 }
             }
         }
@@ -577,9 +655,7 @@ impl Workspace {
 
     /// A screw given in the target's link frame, in the base frame.
     fn in_base(&self, model: &Model, reading: &Reading, screw: &Screw) -> Screw {
-        let link = &model.setup.robot.links[model.setup.targets[reading.target].link];
-        let base_from_link =
-            self.statics.body[link.body] * DualQuaternion::from_isometry(&link.body_from_link);
+        let base_from_link = self.link(model, reading);
         let angular = base_from_link.transform_vector(&screw.angular);
         let origin = base_from_link.translation();
         Screw {
@@ -587,6 +663,11 @@ impl Workspace {
             angular,
         }
     }
+}
+
+/// Two vectors, one on the other.
+pub fn stacked(above: &Vector3<f64>, below: &Vector3<f64>) -> Vector6<f64> {
+    Vector6::new(above.x, above.y, above.z, below.x, below.y, below.z)
 }
 
 impl Term {

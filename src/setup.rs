@@ -15,6 +15,10 @@ pub struct Setup {
     pub gravity: Vector3<f64>,
     /// Joints between the base and any target, parents first: those that a reading can depend on.
     pub observed: Vec<usize>,
+    /// Middle of the campaign, s: drifts are counted from here.
+    pub time_zero: f64,
+    /// Mean temperature of the campaign, °C: expansions are counted from here.
+    pub temperature_zero: f64,
 }
 
 impl Setup {
@@ -32,16 +36,37 @@ impl Setup {
             targets,
             gravity,
             observed,
+            time_zero: 0.0,
+            temperature_zero: 0.0,
         }
     }
 
     /// What is fixed in a campaign.
     pub fn of(campaign: &Campaign) -> Self {
-        Self::new(
+        let mut setup = Self::new(
             campaign.robot.clone(),
             campaign.targets.clone(),
             campaign.gravity,
-        )
+        );
+        let times = campaign.readings.iter().filter_map(|r| r.time);
+        let (first, last) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| {
+            (a.min(t), b.max(t))
+        });
+        if first.is_finite() {
+            setup.time_zero = (first + last) / 2.0;
+        }
+        let temperatures = campaign.readings.iter();
+        let temperatures: Vec<f64> = temperatures
+            .flat_map(|r| {
+                r.temperature
+                    .into_iter()
+                    .chain(r.link_temperatures.iter().map(|t| t.1))
+            })
+            .collect();
+        if !temperatures.is_empty() {
+            setup.temperature_zero = temperatures.iter().sum::<f64>() / temperatures.len() as f64;
+        }
+        setup
     }
 
     /// Index of the body that a target is fixed to.

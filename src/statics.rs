@@ -1,5 +1,5 @@
-//! The loaded arm: kinematics from displacements, wrenches from loads, and how both change with every
-//! displacement, in closed form.
+//! The loaded arm: kinematics from deviations, wrenches from loads, and how both change with every
+//! deviation, in closed form.
 //!
 //! Frames: for each joint the *joint frame* turns with the joint; the node's displacement sits behind it, and
 //! the body (its links, its mass, further joints) behind that. All quantities here are in the base frame
@@ -7,20 +7,22 @@
 
 use crate::campaign::{Reading, Wrench};
 use crate::dual_quaternion::DualQuaternion;
-use crate::posture::{NODE, node_slot};
+use crate::posture::{Kind, NODE, Slots};
 use crate::robot::JointKind;
 use crate::setup::Setup;
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix3, Vector3, Vector6};
 
 /// What a robot carries in one reading.
 #[derive(Debug, Clone, Copy)]
 pub struct Load {
     /// Body of the target.
     pub body: usize,
-    /// Dead weight, kg, and its centre in the body's frame, m.
+    /// Pose of the target's link in it.
+    pub body_from_link: Isometry3<f64>,
+    /// Dead weight, kg, and its centre in the link's frame, m.
     pub payload: Option<(f64, Vector3<f64>)>,
-    /// Wrench that turns with the body, at a point of it, in the body's frame.
-    pub follower: Option<(Wrench, Vector3<f64>)>,
+    /// Wrench that turns with the link, at its origin, in its frame.
+    pub follower: Option<Wrench>,
 }
 
 impl Load {
@@ -30,27 +32,14 @@ impl Load {
     /// by up to 31 %.
     pub fn of(setup: &Setup, reading: &Reading) -> Self {
         let link = &setup.robot.links[setup.targets[reading.target].link];
-        let payload = reading.payload.map(|payload| {
-            (
-                payload.mass,
-                link.body_from_link * nalgebra::Point3::from(payload.com),
-            )
-        });
-        let follower = match (payload, reading.wrench) {
-            (None, Some(wrench)) => {
-                let turn = link.body_from_link.rotation;
-                let wrench = Wrench {
-                    force: turn * wrench.force,
-                    torque: turn * wrench.torque,
-                };
-                Some((wrench, link.body_from_link.translation.vector))
-            }
-            _ => None,
-        };
         Self {
             body: link.body,
-            payload: payload.map(|(mass, com)| (mass, com.coords)),
-            follower,
+            body_from_link: link.body_from_link,
+            payload: reading.payload.map(|payload| (payload.mass, payload.com)),
+            follower: match reading.payload {
+                Some(_) => None,
+                None => reading.wrench,
+            },
         }
     }
 }
@@ -92,6 +81,10 @@ pub struct Statics {
     loaded: Vec<usize>,
     /// The follower wrench and its point.
     follower: Option<(Wrench, Vector3<f64>)>,
+    /// Rotation of the loaded link.
+    link_rotation: Matrix3<f64>,
+    /// Body of the load, payload's mass and centre.
+    payload: (usize, f64, Vector3<f64>),
     gravity: Vector3<f64>,
     /// By pair of nodes: does the first carry the second?
     carries: Vec<bool>,
@@ -123,6 +116,8 @@ impl Statics {
             local_wrench: vec![Vector6::zeros(); nodes],
             loaded: Vec::new(),
             follower: None,
+            link_rotation: Matrix3::identity(),
+            payload: (0, 0.0, Vector3::zeros()),
             gravity: setup.gravity,
             carries,
             constants: setup
@@ -134,11 +129,11 @@ impl Statics {
         }
     }
 
-    /// Places every body: encoder angles plus displacements.
-    pub fn place(&mut self, setup: &Setup, joints: &[f64], displacements: &[f64]) {
-        self.body[0] = displaced(DualQuaternion::identity(), setup, 0, displacements);
+    /// Places every body: encoder angles plus deviations.
+    pub fn place(&mut self, setup: &Setup, joints: &[f64], deviations: &[f64]) {
+        self.body[0] = displaced(DualQuaternion::identity(), setup, 0, deviations);
         for (j, joint) in setup.robot.joints.iter().enumerate() {
-            let q = joints[j] + displacements[j];
+            let q = joints[j] + deviations[j];
             let motion = match joint.kind {
                 JointKind::Prismatic => DualQuaternion::from_translation(*joint.axis * q),
                 _ => DualQuaternion::from_axis_angle(*joint.axis, q),
@@ -147,19 +142,30 @@ impl Statics {
             self.joint_frame[j + 1] = frame;
             self.rotation[j + 1] = frame.rotation().to_rotation_matrix().into_inner();
             self.origin[j + 1] = frame.translation();
-            self.body[j + 1] = displaced(frame, setup, j + 1, displacements);
+            self.body[j + 1] = displaced(frame, setup, j + 1, deviations);
         }
     }
 
     /// Sums weights and loads from the tips to the base; needs [`Statics::place`] first.
-    pub fn load(&mut self, setup: &Setup, load: &Load) {
+    pub fn load(&mut self, setup: &Setup, load: &Load, deviations: &[f64]) {
+        let slots = Slots::of(setup);
+        let at = |first: usize| Vector3::from_column_slice(&deviations[first..first + 3]);
+        self.gravity = setup.gravity + at(slots.gravity);
         for (node, body) in setup.robot.bodies.iter().enumerate() {
-            self.mass[node] = body.mass;
-            self.moment[node] = self.body[node].transform_point(&body.com) * body.mass;
+            let mass = body.mass + deviations[slots.mass + node];
+            self.mass[node] = mass;
+            self.moment[node] = self.body[node].transform_point(&body.com) * mass;
         }
+        let body = self.body[load.body];
+        let link = body * DualQuaternion::from_isometry(&load.body_from_link);
+        self.link_rotation = link.rotation().to_rotation_matrix().into_inner();
+        self.payload = (load.body, 0.0, link.translation());
         if let Some((mass, com)) = load.payload {
+            let mass = mass + deviations[slots.payload_mass];
+            let com = link.transform_point(&(com + at(slots.payload_com)));
+            self.payload = (load.body, mass, com);
             self.mass[load.body] += mass;
-            self.moment[load.body] += self.body[load.body].transform_point(&com) * mass;
+            self.moment[load.body] += com * mass;
         }
         for node in (1..self.mass.len()).rev() {
             let parent = setup.robot.joints[node - 1].parent;
@@ -168,19 +174,19 @@ impl Statics {
             self.moment[parent] += moment;
         }
         self.loaded.clear();
-        self.follower = load.follower.map(|(wrench, point)| {
+        self.follower = load.follower.map(|wrench| {
             let mut node = load.body;
             while node > 0 {
                 self.loaded.push(node);
                 node = setup.robot.joints[node - 1].parent;
             }
             self.loaded.push(0);
-            let body = &self.body[load.body];
+            // the sensor reads truth and error: what is left is the truth
             let turned = Wrench {
-                force: body.transform_vector(&wrench.force),
-                torque: body.transform_vector(&wrench.torque),
+                force: self.link_rotation * (wrench.force - at(slots.sensed)),
+                torque: self.link_rotation * (wrench.torque - at(slots.sensed + 3)),
             };
-            (turned, body.transform_point(&point))
+            (turned, link.translation())
         });
         for node in 0..self.mass.len() {
             let mut force = self.gravity * self.mass[node];
@@ -193,8 +199,114 @@ impl Statics {
             }
             let back = self.rotation[node].transpose();
             let (force, torque) = (back * force, back * torque);
-            self.local_wrench[node] =
-                Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
+            let mut local = Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
+            if node > 0 {
+                let joint = &setup.robot.joints[node - 1];
+                let by = *joint.axis * deviations[slots.torque + node - 1];
+                let mut rows = local.fixed_rows_mut::<3>(joint.load_row());
+                rows += by;
+            }
+            self.local_wrench[node] = local;
+        }
+    }
+
+    /// Weight of the payload as a wrist sensor at the target link's origin sees it: `[f; m]` on the arm, in the
+    /// link's frame, N and N·m.
+    pub fn payload_wrench(&self, link_origin: &Vector3<f64>) -> Vector6<f64> {
+        let (_, mass, com) = self.payload;
+        let back = self.link_rotation.transpose();
+        let force = back * self.gravity * mass;
+        let torque = back * (com - link_origin).cross(&(self.gravity * mass));
+        Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z)
+    }
+
+    /// Change of [`Statics::payload_wrench`] with the link's turn (base frame) and with a load's deviation.
+    pub fn payload_wrench_rate(
+        &self,
+        link_origin: &Vector3<f64>,
+        turn: &Vector3<f64>,
+        kind: Kind,
+    ) -> Vector6<f64> {
+        let (_, mass, com) = self.payload;
+        let arm = com - link_origin;
+        // seen from the turned link, the weight turns back; the arm turns with it
+        let weight = self.gravity * mass;
+        let mut force = weight.cross(turn);
+        let mut torque = arm.cross(&force);
+        match kind {
+            Kind::Gravity(k) => {
+                let by = Vector3::ith(k, mass);
+                force += by;
+                torque += arm.cross(&by);
+            }
+            Kind::PayloadMass => {
+                force += self.gravity;
+                torque += arm.cross(&self.gravity);
+            }
+            Kind::PayloadCom(k) => {
+                torque += self.link_rotation.column(k).cross(&weight);
+            }
+            _ => {}
+        }
+        let back = self.link_rotation.transpose();
+        let (force, torque) = (back * force, back * torque);
+        let mut rate = Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
+        if let Kind::Sensed(k) = kind {
+            rate[k] += 1.0;
+        }
+        rate
+    }
+
+    /// Change of `row · local_wrench[node]` with a unit of a load's deviation; `row` as for
+    /// [`Statics::wrench_rate`].
+    pub fn load_rate(
+        &self,
+        setup: &Setup,
+        (row_force, row_torque): (&Vector3<f64>, &Vector3<f64>),
+        node: usize,
+        kind: Kind,
+    ) -> f64 {
+        let both = |force: &Vector3<f64>, torque: &Vector3<f64>| {
+            row_force.dot(force) + row_torque.dot(torque)
+        };
+        let (payload_body, payload_mass, payload_com) = self.payload;
+        match kind {
+            Kind::Mass(body) if self.carries(node, body) => {
+                let com = self.body[body].transform_point(&setup.robot.bodies[body].com);
+                let arm = com - self.origin[node];
+                both(&self.gravity, &arm.cross(&self.gravity))
+            }
+            Kind::Gravity(k) => {
+                let by = Vector3::ith(k, 1.0);
+                both(&(by * self.mass[node]), &self.lever(node).cross(&by))
+            }
+            Kind::PayloadMass if self.carries(node, payload_body) => {
+                let arm = payload_com - self.origin[node];
+                both(&self.gravity, &arm.cross(&self.gravity))
+            }
+            Kind::PayloadCom(k) if self.carries(node, payload_body) => {
+                let moved = self.link_rotation.column(k) * payload_mass;
+                row_torque.dot(&moved.cross(&self.gravity))
+            }
+            Kind::Torque(joint) if node == joint + 1 => {
+                let axis = self.rotation[node] * *setup.robot.joints[joint].axis;
+                match setup.robot.joints[joint].kind {
+                    JointKind::Prismatic => row_force.dot(&axis),
+                    _ => row_torque.dot(&axis),
+                }
+            }
+            Kind::Sensed(k) => match &self.follower {
+                Some((_, point)) if self.loaded.contains(&node) => {
+                    let by = -self.link_rotation.column(k % 3);
+                    if k < 3 {
+                        both(&by, &(point - self.origin[node]).cross(&by))
+                    } else {
+                        row_torque.dot(&by)
+                    }
+                }
+                _ => 0.0,
+            },
+            _ => 0.0,
         }
     }
 
@@ -203,46 +315,46 @@ impl Statics {
         self.moment[node] - self.origin[node] * self.mass[node]
     }
 
-    /// Motion of everything behind a displacement, per unit of it.
-    pub fn screw(&self, setup: &Setup, slot: usize, displacements: &[f64]) -> Screw {
-        let joints = setup.robot.joints.len();
-        if slot < joints {
-            let node = slot + 1;
-            let axis = self.rotation[node] * *setup.robot.joints[slot].axis;
-            return match setup.robot.joints[slot].kind {
-                JointKind::Prismatic => Screw {
-                    linear: axis,
-                    angular: Vector3::zeros(),
-                },
-                _ => Screw {
-                    linear: self.origin[node].cross(&axis),
-                    angular: axis,
-                },
-            };
-        }
-        let (node, component) = ((slot - joints) / NODE, (slot - joints) % NODE);
-        if component < 3 {
-            return Screw {
+    /// Motion of everything behind a joint or node, per unit of its deviation; none for other deviations.
+    pub fn screw(&self, setup: &Setup, kind: Kind, deviations: &[f64]) -> Option<Screw> {
+        match kind {
+            Kind::Joint(joint) => {
+                let node = joint + 1;
+                let axis = self.rotation[node] * *setup.robot.joints[joint].axis;
+                Some(match setup.robot.joints[joint].kind {
+                    JointKind::Prismatic => Screw {
+                        linear: axis,
+                        angular: Vector3::zeros(),
+                    },
+                    _ => Screw {
+                        linear: self.origin[node].cross(&axis),
+                        angular: axis,
+                    },
+                })
+            }
+            Kind::Node(node, component) if component < 3 => Some(Screw {
                 linear: self.rotation[node].column(component).into_owned(),
                 angular: Vector3::zeros(),
-            };
-        }
-        let first = node_slot(setup, node);
-        let vector = Vector3::from_column_slice(&displacements[first + 3..first + 6]);
-        let angular = self.rotation[node] * left_jacobian(&vector).column(component - 3);
-        Screw {
-            linear: self.body[node].translation().cross(&angular),
-            angular,
+            }),
+            Kind::Node(node, component) => {
+                let first = Slots::of(setup).node(node);
+                let vector = Vector3::from_column_slice(&deviations[first + 3..first + 6]);
+                let angular = self.rotation[node] * left_jacobian(&vector).column(component - 3);
+                Some(Screw {
+                    linear: self.body[node].translation().cross(&angular),
+                    angular,
+                })
+            }
+            _ => None,
         }
     }
 
-    /// Node behind which a displacement sits, and whether it turns that node's joint frame with it.
-    pub fn node_of(&self, setup: &Setup, slot: usize) -> (usize, bool) {
-        let joints = setup.robot.joints.len();
-        if slot < joints {
-            (slot + 1, true)
-        } else {
-            ((slot - joints) / NODE, false)
+    /// Node behind which a joint's or node's deviation sits, and whether it turns that node's joint frame.
+    pub fn node_of(kind: Kind) -> (usize, bool) {
+        match kind {
+            Kind::Joint(joint) => (joint + 1, true),
+            Kind::Node(node, _) => (node, false),
+            _ => (0, false),
         }
     }
 
@@ -258,7 +370,7 @@ impl Statics {
         (self.rotation[node] * force, self.rotation[node] * torque)
     }
 
-    /// Change of `row · local_wrench[node]` when a displacement moves what it carries by `screw`: the
+    /// Change of `row · local_wrench[node]` when a deviation moves what it carries by `screw`: the
     /// geometric stiffness of the loads.
     ///
     /// `row` in the base frame, from [`Statics::world_row`].
@@ -299,10 +411,10 @@ fn displaced(
     frame: DualQuaternion<f64>,
     setup: &Setup,
     node: usize,
-    displacements: &[f64],
+    deviations: &[f64],
 ) -> DualQuaternion<f64> {
-    let first = node_slot(setup, node);
-    let d = &displacements[first..first + NODE];
+    let first = Slots::of(setup).node(node);
+    let d = &deviations[first..first + NODE];
     if d.iter().all(|&x| x == 0.0) {
         return frame;
     }

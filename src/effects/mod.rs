@@ -33,9 +33,13 @@ pub const CATALOGUE: &[Entry] = &[
 pub enum Stage {
     /// Moves joints or nodes whatever the load.
     Rigid,
+    /// Changes masses, payload, gravity or torques.
+    Load,
     /// Moves joints or nodes under the load: sees the wrench at the node it moves, and no other.
     Elastic,
-    /// Moves the frames of tracker or target.
+    /// Changes what the wrist sensor reads; sees what it should read.
+    Sensor,
+    /// Moves the frames of tracker or target, or scales the tracker.
     Instrument,
 }
 
@@ -44,7 +48,9 @@ impl Stage {
     pub fn word(self) -> &'static str {
         match self {
             Stage::Rigid => "rigid",
+            Stage::Load => "load",
             Stage::Elastic => "elastic",
+            Stage::Sensor => "sensor",
             Stage::Instrument => "instrument",
         }
     }

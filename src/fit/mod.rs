@@ -11,8 +11,10 @@ mod start;
 
 use crate::campaign::{Campaign, Noise, Reading, Split};
 use crate::dual_quaternion::rotation_vector;
-use crate::model::{Model, Rows6, Workspace, pose_numbers, right_jacobian_inverse};
-use nalgebra::{DMatrix, Vector3, Vector6};
+use crate::model::{
+    Model, Row, Rows, Workspace, pose_numbers, right_jacobian_inverse, stacked, wrench_is_measured,
+};
+use nalgebra::{DMatrix, Vector3};
 use noise::{PureError, Source, Whitener};
 use rayon::prelude::*;
 use solve::{Linear, Problem, Solution};
@@ -262,7 +264,11 @@ fn estimate(
     let mut whiteners = noise::whiteners(model, &start, readings, &shape);
     let replicates = noise::pure_error(readings, &whiteners, &groups);
     if let (None, Some(pure)) = (campaign.noise, replicates) {
-        shape = noise::isotropic(pure.position.sqrt(), pure.orientation.sqrt());
+        shape = Noise {
+            force: pure.force.sqrt(),
+            torque: pure.torque.sqrt(),
+            ..noise::isotropic(pure.position.sqrt(), pure.orientation.sqrt())
+        };
         whiteners = noise::whiteners(model, &start, readings, &shape);
     }
     let source = match (replicates, campaign.noise) {
@@ -372,7 +378,7 @@ fn from_residual(model: &Model, p: &[f64], readings: &[&Reading], rank: usize) -
 }
 
 /// Residuals, measured minus predicted: position (m), rotation vector (rad), in the tracker's frame.
-pub fn residuals(model: &Model, p: &[f64], readings: &[&Reading]) -> Vec<Vector6<f64>> {
+pub fn residuals(model: &Model, p: &[f64], readings: &[&Reading]) -> Vec<Row> {
     readings
         .par_iter()
         .map_init(
@@ -385,16 +391,23 @@ pub fn residuals(model: &Model, p: &[f64], readings: &[&Reading]) -> Vec<Vector6
         .collect()
 }
 
-fn residual(prediction: &crate::model::Prediction, reading: &Reading) -> Vector6<f64> {
+fn residual(prediction: &crate::model::Prediction, reading: &Reading) -> Row {
     if !prediction.settled {
-        return Vector6::from_element(f64::NAN);
+        return Row::from_element(f64::NAN);
     }
     let position = reading.position - prediction.position;
     let turn = match reading.orientation {
         Some(seen) => rotation_vector(&(seen * prediction.orientation.inverse()).into_inner()),
         None => Vector3::zeros(),
     };
-    Vector6::new(position.x, position.y, position.z, turn.x, turn.y, turn.z)
+    let mut row = Row::zeros();
+    row.fixed_rows_mut::<6>(0)
+        .copy_from(&stacked(&position, &turn));
+    if let (true, Some(wrench)) = (wrench_is_measured(reading), reading.wrench) {
+        let left = stacked(&wrench.force, &wrench.torque) - prediction.wrench;
+        row.fixed_rows_mut::<6>(6).copy_from(&left);
+    }
+    row
 }
 
 /// A model and readings as a least-squares problem over the free parameters.
@@ -454,7 +467,7 @@ impl<'a> CampaignProblem<'a> {
         readings: &[&Reading],
         whiteners: &[Whitener],
         workspace: &mut Workspace,
-        jacobian: &mut Rows6,
+        jacobian: &mut Rows,
     ) -> DMatrix<f64> {
         let n = self.free.len();
         let count: usize = rows(whiteners);
@@ -471,15 +484,12 @@ impl<'a> CampaignProblem<'a> {
                 let mut rate = jacobian.column(k).into_owned();
                 let turned = turn * rate.fixed_rows::<3>(3);
                 rate.fixed_rows_mut::<3>(3).copy_from(&turned);
-                let white = whitener.inverse * rate * -self.scale[column];
-                for i in 0..whitener.rows {
-                    block[(row + i, column)] = white[i];
-                }
+                let scale = -self.scale[column];
+                whitener.apply(&rate, &mut |i, value| {
+                    block[(row + i, column)] = value * scale
+                });
             }
-            let white = whitener.inverse * residual;
-            for i in 0..whitener.rows {
-                block[(row + i, n)] = white[i];
-            }
+            whitener.apply(&residual, &mut |i, value| block[(row + i, n)] = value);
             row += whitener.rows;
         }
         solve::triangle(block)
@@ -495,7 +505,7 @@ impl Problem for CampaignProblem<'_> {
             .par_chunks(BLOCK)
             .zip(self.whiteners.par_chunks(BLOCK))
             .map_init(
-                || (Workspace::new(&self.model.setup), Rows6::zeros(parameters)),
+                || (Workspace::new(&self.model.setup), Rows::zeros(parameters)),
                 |(workspace, jacobian), (readings, whiteners)| {
                     self.block(&full, readings, whiteners, workspace, jacobian)
                 },
@@ -523,15 +533,9 @@ impl Problem for CampaignProblem<'_> {
     }
 }
 
-fn squares(residuals: &[Vector6<f64>], whiteners: &[Whitener]) -> f64 {
-    residuals
-        .iter()
-        .zip(whiteners)
-        .map(|(residual, whitener)| {
-            let white = whitener.inverse * residual;
-            white.rows(0, whitener.rows).norm_squared()
-        })
-        .sum()
+fn squares(residuals: &[Row], whiteners: &[Whitener]) -> f64 {
+    let pairs = residuals.iter().zip(whiteners);
+    pairs.map(|(row, whitener)| whitener.squares(row)).sum()
 }
 
 /// Errors of readings at given parameters.
@@ -540,7 +544,7 @@ pub fn errors(model: &Model, p: &[f64], readings: &[&Reading], whiteners: &[Whit
     summarise(&residuals, readings, whiteners)
 }
 
-fn summarise(residuals: &[Vector6<f64>], readings: &[&Reading], whiteners: &[Whitener]) -> Errors {
+fn summarise(residuals: &[Row], readings: &[&Reading], whiteners: &[Whitener]) -> Errors {
     let distances: Vec<f64> = residuals
         .iter()
         .map(|r| r.fixed_rows::<3>(0).norm())
@@ -596,7 +600,7 @@ fn cross_validate(
     if fold_of.len() < FEWEST_POSES {
         return None;
     }
-    let mut left = vec![Vector6::zeros(); readings.len()];
+    let mut left = vec![Row::zeros(); readings.len()];
     for fold in 0..FOLDS {
         on_step(&format!("cross-validation, fold {} of {FOLDS}", fold + 1));
         let inside = |keep: bool| -> Vec<usize> {

@@ -6,8 +6,8 @@
 
 use crate::campaign::{Campaign, Noise, Reading};
 use crate::dual_quaternion::rotation_vector;
-use crate::model::{Model, Rows6, Workspace};
-use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3, Vector6};
+use crate::model::{Model, Row, Rows, Workspace, stacked, wrench_is_measured};
+use nalgebra::{Matrix3, Matrix6, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -28,18 +28,44 @@ pub enum Source {
     Residual,
 }
 
-/// Whitens the six rows of a reading's residual: `L⁻¹`, `L Lᵀ` its covariance. Position-only readings use
-/// the first three rows.
+/// Whitens the rows of a reading's residual: `L⁻¹`, `L Lᵀ` its covariance.
 #[derive(Debug, Clone)]
 pub struct Whitener {
-    /// Lower triangular.
-    pub inverse: Matrix6<f64>,
+    /// Lower triangular, of the pose; position-only readings use the first three rows.
+    inverse: Matrix6<f64>,
     /// 3 or 6.
+    pose_rows: usize,
+    /// One over the deviations of force and torque, where the wrench is measured beside a known load.
+    wrench: Option<(f64, f64)>,
+    /// Number of rows that count.
     pub rows: usize,
     /// Trace of the covariance of the position / 3, m².
     pub position_variance: f64,
     /// The same of the orientation, rad².
     pub orientation_variance: f64,
+}
+
+impl Whitener {
+    /// Writes the whitened rows of a residual, or of one column of its derivative.
+    pub fn apply(&self, row: &Row, out: &mut impl FnMut(usize, f64)) {
+        let pose = self.inverse * row.fixed_rows::<6>(0);
+        for k in 0..self.pose_rows {
+            out(k, pose[k]);
+        }
+        if let Some((force, torque)) = self.wrench {
+            for k in 0..3 {
+                out(self.pose_rows + k, row[6 + k] * force);
+                out(self.pose_rows + 3 + k, row[9 + k] * torque);
+            }
+        }
+    }
+
+    /// Sum of squares of the whitened rows.
+    pub fn squares(&self, row: &Row) -> f64 {
+        let mut sum = 0.0;
+        self.apply(row, &mut |_, value| sum += value * value);
+        sum
+    }
 }
 
 /// Covariance of the readings as the noise model says, at the parameters `p`.
@@ -48,14 +74,15 @@ pub fn whiteners(model: &Model, p: &[f64], readings: &[&Reading], noise: &Noise)
     readings
         .par_iter()
         .map_init(
-            || (Workspace::new(&model.setup), Rows6::zeros(joints)),
+            || (Workspace::new(&model.setup), Rows::zeros(joints)),
             |(workspace, jacobian), reading| {
                 let mut covariance = tracker_covariance(reading, noise);
                 if noise.joint > 0.0 {
                     workspace.joint_jacobian(model, p, reading, jacobian);
-                    covariance += &*jacobian * jacobian.transpose() * noise.joint.powi(2);
+                    let pose = jacobian.fixed_rows::<6>(0);
+                    covariance += pose * pose.transpose() * noise.joint.powi(2);
                 }
-                whitener(reading, &covariance)
+                whitener(reading, &covariance, noise)
             },
         )
         .collect()
@@ -81,7 +108,7 @@ fn tracker_covariance(reading: &Reading, noise: &Noise) -> Matrix6<f64> {
     covariance
 }
 
-fn whitener(reading: &Reading, covariance: &Matrix6<f64>) -> Whitener {
+fn whitener(reading: &Reading, covariance: &Matrix6<f64>, noise: &Noise) -> Whitener {
     let inverse = match covariance.cholesky() {
         Some(factor) => {
             let mut inverse = Matrix6::identity();
@@ -92,9 +119,15 @@ fn whitener(reading: &Reading, covariance: &Matrix6<f64>) -> Whitener {
         None => Matrix6::from_diagonal(&covariance.diagonal().map(|v| 1.0 / v.sqrt())),
     };
     let diagonal = covariance.diagonal();
+    let pose_rows = if reading.orientation.is_some() { 6 } else { 3 };
+    // a sensor of which nothing is known is not believed
+    let wrench = (wrench_is_measured(reading) && noise.force > 0.0 && noise.torque > 0.0)
+        .then(|| (1.0 / noise.force, 1.0 / noise.torque));
     Whitener {
         inverse,
-        rows: if reading.orientation.is_some() { 6 } else { 3 },
+        pose_rows,
+        wrench,
+        rows: pose_rows + if wrench.is_some() { 6 } else { 0 },
         position_variance: diagonal.fixed_rows::<3>(0).mean(),
         orientation_variance: diagonal.fixed_rows::<3>(3).mean(),
     }
@@ -174,6 +207,10 @@ pub struct PureError {
     pub position: f64,
     /// Per axis, rad².
     pub orientation: f64,
+    /// Per axis of the wrist sensor, N².
+    pub force: f64,
+    /// Per axis of the wrist sensor, (N·m)².
+    pub torque: f64,
     /// Number of groups of repeats.
     pub groups: usize,
 }
@@ -185,59 +222,88 @@ pub fn pure_error(
     groups: &[Vec<usize>],
 ) -> Option<PureError> {
     let mut sum = PureError::default();
-    let (mut position_dof, mut orientation_dof) = (0, 0);
+    let (mut position, mut orientation, mut force, mut torque) = (
+        Mean::default(),
+        Mean::default(),
+        Mean::default(),
+        Mean::default(),
+    );
     for group in groups {
-        let members = deviations(readings, group);
-        let rows = if members.iter().any(|m| m.1.is_none()) {
-            3
-        } else {
-            6
-        };
-        for (&index, (position, orientation)) in group.iter().zip(&members) {
-            let mut deviation = Vector6::zeros();
-            deviation.fixed_rows_mut::<3>(0).copy_from(position);
-            if let (6, Some(turn)) = (rows, orientation) {
-                deviation.fixed_rows_mut::<3>(3).copy_from(turn);
-                sum.orientation += turn.norm_squared();
-            }
-            let whitened = whiteners[index].inverse * deviation;
-            sum.whitened += whitened.rows(0, rows).norm_squared();
-            sum.position += position.norm_squared();
+        let free = group.len() - 1;
+        for (&index, row) in group.iter().zip(deviations(readings, group)) {
+            sum.whitened += whiteners[index].squares(&row);
+            position.add(&row.fixed_rows::<3>(0).into_owned());
+            orientation.add(&row.fixed_rows::<3>(3).into_owned());
+            force.add(&row.fixed_rows::<3>(6).into_owned());
+            torque.add(&row.fixed_rows::<3>(9).into_owned());
         }
-        sum.dof += rows * (group.len() - 1);
-        position_dof += 3 * (group.len() - 1);
-        orientation_dof += (rows - 3) * (group.len() - 1);
+        let rows = group.iter().map(|&index| whiteners[index].rows).min();
+        sum.dof += rows.unwrap_or(0) * free;
+        let all = |has: fn(&Reading) -> bool| group.iter().all(|&i| has(readings[i]));
+        position.dof += 3 * free;
+        orientation.dof += if all(|r| r.orientation.is_some()) {
+            3 * free
+        } else {
+            0
+        };
+        let wrench = if all(wrench_is_measured) { 3 * free } else { 0 };
+        force.dof += wrench;
+        torque.dof += wrench;
     }
     if sum.dof < ENOUGH {
         return None;
     }
     sum.groups = groups.len();
     sum.whitened /= sum.dof as f64;
-    sum.position /= position_dof as f64;
-    sum.orientation /= orientation_dof.max(1) as f64;
+    sum.position = position.value();
+    sum.orientation = orientation.value();
+    sum.force = force.value();
+    sum.torque = torque.value();
     Some(sum)
 }
 
-/// By member: position (m) and rotation vector (rad) from the group's mean, in the tracker's frame.
-fn deviations(readings: &[&Reading], group: &[usize]) -> Vec<(Vector3<f64>, Option<Vector3<f64>>)> {
-    let n = group.len() as f64;
-    let mean: Vector3<f64> = group
-        .iter()
-        .map(|&i| readings[i].position)
-        .sum::<Vector3<f64>>()
-        / n;
-    let reference: Option<UnitQuaternion<f64>> = readings[group[0]].orientation;
-    let turns: Vec<Option<Vector3<f64>>> = group
+/// Mean square over degrees of freedom.
+#[derive(Default)]
+struct Mean {
+    squares: f64,
+    dof: usize,
+}
+
+impl Mean {
+    fn add(&mut self, part: &Vector3<f64>) {
+        self.squares += part.norm_squared();
+    }
+
+    fn value(&self) -> f64 {
+        self.squares / self.dof.max(1) as f64
+    }
+}
+
+/// By member: rows from the group's mean. Parts that not all members have are zero.
+fn deviations(readings: &[&Reading], group: &[usize]) -> Vec<Row> {
+    let reference = readings[group[0]].orientation;
+    let turned = group.iter().all(|&i| readings[i].orientation.is_some());
+    let wrenches = group.iter().all(|&i| wrench_is_measured(readings[i]));
+    let mut rows: Vec<Row> = group
         .iter()
         .map(|&i| {
-            let turn = readings[i].orientation? * reference?.inverse();
-            Some(rotation_vector(&turn.into_inner()))
+            let reading = readings[i];
+            let mut row = Row::zeros();
+            row.fixed_rows_mut::<3>(0).copy_from(&reading.position);
+            if let (true, Some(first), Some(own)) = (turned, reference, reading.orientation) {
+                let turn = rotation_vector(&(own * first.inverse()).into_inner());
+                row.fixed_rows_mut::<3>(3).copy_from(&turn);
+            }
+            if let (true, Some(wrench)) = (wrenches, reading.wrench) {
+                row.fixed_rows_mut::<6>(6)
+                    .copy_from(&stacked(&wrench.force, &wrench.torque));
+            }
+            row
         })
         .collect();
-    let mean_turn: Vector3<f64> = turns.iter().flatten().sum::<Vector3<f64>>() / n;
-    group
-        .iter()
-        .zip(turns)
-        .map(|(&i, turn)| (readings[i].position - mean, turn.map(|t| t - mean_turn)))
-        .collect()
+    let mean = rows.iter().sum::<Row>() / group.len() as f64;
+    for row in &mut rows {
+        *row -= mean;
+    }
+    rows
 }

@@ -14,7 +14,7 @@ use crate::campaign::{Campaign, Payload, Reading, Split};
 use crate::dual_quaternion::{DualQuaternion, Vector8};
 use crate::model::Model;
 use crate::model_file::ModelError;
-use crate::posture::displacement_count;
+use crate::posture::{Kind, Slots};
 use crate::setup::Setup;
 use crate::statics::{Load, Statics};
 use nalgebra::{DMatrix, DVector, Isometry3, Vector6};
@@ -239,10 +239,10 @@ fn frame_poses(frames: &Fit, model: &Model, target: usize) -> (Isometry3<f64>, I
 /// per unit of compliance.
 fn columns(setup: &Setup, reading: &Reading, target: &Isometry3<f64>) -> Vec<Vector6<f64>> {
     let mut statics = Statics::new(setup);
-    let still = vec![0.0; displacement_count(setup)];
+    let still = vec![0.0; Slots::of(setup).count];
     statics.place(setup, &reading.joints, &still);
     let torques = |statics: &mut Statics, load: &Load| -> Vec<f64> {
-        statics.load(setup, load);
+        statics.load(setup, load, &still);
         let joints = setup.robot.joints.iter().enumerate();
         joints
             .map(|(j, joint)| {
@@ -269,7 +269,9 @@ fn columns(setup: &Setup, reading: &Reading, target: &Isometry3<f64>) -> Vec<Vec
             if !statics.carries(joint + 1, link.body) {
                 return Vector6::zeros();
             }
-            let screw = statics.screw(setup, joint, &still);
+            let Some(screw) = statics.screw(setup, Kind::Joint(joint), &still) else {
+                return Vector6::zeros();
+            };
             let torque = with[joint] - without[joint];
             let torque = if torque.abs() < NO_TORQUE {
                 0.0
