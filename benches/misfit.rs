@@ -1,1 +1,129 @@
-fn main(){}
+//! Speeds: `cargo bench`.
+//!
+//! fit_300x25: 300 readings of the UR10 geometry sized as FIGAROH's problem; fit_12000x45: 12,000 readings and the
+//! default model; statics: MuJoCo static readings of the 15-joint SDA5F.
+
+#![allow(missing_docs, clippy::unwrap_used)]
+
+use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use misfit::campaign::{Campaign, Split};
+use misfit::fit::{Options, fit};
+use misfit::model::{Model, Rows6, Workspace};
+use misfit::model_file;
+use misfit::plant::{Command, Plant};
+use misfit::scenario::{Scenario, design, simulate};
+use std::path::Path;
+
+const OPTIONS: Options = Options {
+    cross_validate: false,
+};
+
+/// A campaign of so many readings of the six-axis arm: random geometry, springs, no load and 20 kg.
+fn campaign(readings: usize) -> Campaign {
+    let mut scenario = Scenario::load(Path::new("benches/six_axis.toml")).unwrap();
+    scenario.design.poses = readings / 2;
+    simulate::simulate(&scenario, || {}).unwrap()
+}
+
+fn fits(c: &mut Criterion) {
+    let mut group = c.benchmark_group("fit");
+    group.sample_size(10);
+    // frames, offsets and compliances of six joints with one target: 12 + 6 + 6, and the geometry of one more
+    for (readings, effects) in [
+        (300, "joint_offset,joint_compliance"),
+        (300, "geometry"),
+        (1_200, "geometry,joint_compliance"),
+        (12_000, "geometry,joint_compliance"),
+    ] {
+        let campaign = campaign(readings);
+        let model = model_file::model(&campaign, Some(effects), None).unwrap();
+        let name = format!("{effects} ({} parameters)", model.start().len());
+        group.throughput(Throughput::Elements(readings as u64));
+        group.bench_function(BenchmarkId::new(name, readings), |b| {
+            b.iter(|| fit(&campaign, &model, &OPTIONS, |_| {}).unwrap());
+        });
+    }
+    group.finish();
+}
+
+fn model(c: &mut Criterion) {
+    let scenario = Scenario::load(Path::new("scenarios/springs.toml")).unwrap();
+    let mut scenario = scenario;
+    scenario.design.poses = 8;
+    let campaign = simulate::simulate(&scenario, || {}).unwrap();
+    let model = model_file::model(&campaign, None, None).unwrap();
+    let p = true_values(&scenario, &model);
+    let wanted = vec![true; p.len()];
+    let mut workspace = Workspace::new(&model.setup);
+    let mut jacobian = Rows6::zeros(p.len());
+    let mut group = c.benchmark_group("sda5f, both arms, default model");
+    let readings = &campaign.readings;
+    group.throughput(Throughput::Elements(readings.len() as u64));
+    group.bench_function("loaded equilibrium and pose", |b| {
+        b.iter(|| {
+            for reading in readings {
+                std::hint::black_box(workspace.predict(&model, &p, reading));
+            }
+        });
+    });
+    group.bench_function("the same with all derivatives", |b| {
+        b.iter(|| {
+            for reading in readings {
+                workspace.sensitivity(&model, &p, &wanted, reading, &mut jacobian);
+            }
+        });
+    });
+    group.finish();
+}
+
+fn true_values(scenario: &Scenario, model: &Model) -> Vec<f64> {
+    misfit::scenario::efficiency::true_values(scenario, model)
+}
+
+fn statics(c: &mut Criterion) {
+    let scenario = Scenario::load(Path::new("scenarios/springs.toml")).unwrap();
+    let spec = simulate::plant_spec(&scenario).unwrap();
+    let mut plant = Plant::build(&spec).unwrap();
+    let commands: Vec<Command> = design::visits(&scenario)
+        .into_iter()
+        .map(|visit| Command {
+            approach: vec![visit.direction; visit.joints.len()],
+            loads: vec![scenario.design.loads[visit.load].on(visit.target)],
+            joints: visit.joints,
+        })
+        .collect();
+    let mut group = c.benchmark_group("mujoco");
+    group.throughput(Throughput::Elements(commands.len() as u64));
+    group.bench_function("static states of the 15-joint sda5f", |b| {
+        b.iter(|| {
+            for command in &commands {
+                std::hint::black_box(plant.state(command).unwrap());
+            }
+        });
+    });
+    group.finish();
+}
+
+fn recording(c: &mut Criterion) {
+    let scenario = Scenario::load(Path::new("scenarios/springs.toml")).unwrap();
+    let campaign = simulate::simulate(&scenario, || {}).unwrap();
+    assert!(campaign.readings.iter().all(|r| r.split == Split::Fit));
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.mcap");
+    let mut group = c.benchmark_group("recording");
+    group.throughput(Throughput::Elements(campaign.readings.len() as u64));
+    group.bench_function("write MCAP", |b| {
+        b.iter_batched(
+            || (),
+            |()| misfit::recording::write_campaign(&campaign, &path, &Default::default(), &[]),
+            BatchSize::PerIteration,
+        );
+    });
+    group.bench_function("read MCAP", |b| {
+        b.iter(|| misfit::recording::read_campaign(&path).unwrap());
+    });
+    group.finish();
+}
+
+criterion_group!(benches, fits, model, statics, recording);
+criterion_main!(benches);

@@ -234,8 +234,7 @@ impl<S: Scalar> DualQuaternion<S> {
         let two: S = constant(2.0);
         let omega = (real * self.real.conjugate()).imag() * two;
         // p = 2 d r*, so dp = 2 (d' r* + d r'*)
-        let velocity =
-            (dual * self.real.conjugate() + self.dual * real.conjugate()).imag() * two;
+        let velocity = (dual * self.real.conjugate() + self.dual * real.conjugate()).imag() * two;
         Vector6::new(
             velocity.x, velocity.y, velocity.z, omega.x, omega.y, omega.z,
         )
@@ -302,8 +301,7 @@ fn sinc_series<S: Scalar>(phi2: S) -> (S, S, S) {
         // Taylor to φ⁴: the first term left out is below 1e-21
         let phi4 = phi2 * phi2;
         (
-            S::one() - phi2 * constant(0.5) + phi4 / constant(24.0)
-                - phi4 * phi2 / constant(720.0),
+            S::one() - phi2 * constant(0.5) + phi4 / constant(24.0) - phi4 * phi2 / constant(720.0),
             S::one() - phi2 / constant(6.0) + phi4 / constant(120.0),
             constant::<S>(-1.0 / 3.0) + phi2 / constant(30.0) - phi4 / constant(840.0),
         )

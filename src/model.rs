@@ -11,9 +11,7 @@ use crate::effects::{AnyEffect, DIRECTIONS, Dual, Parameter, Stage};
 use crate::posture::{Posture, displacement_count};
 use crate::setup::Setup;
 use crate::statics::{Load, Screw, Statics};
-use nalgebra::{
-    DMatrix, DVector, Isometry3, Matrix3, SVector, UnitQuaternion, Vector3, Vector6,
-};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, SVector, UnitQuaternion, Vector3, Vector6};
 use std::sync::Arc;
 
 /// An effect with its parameters, and where they start in the model's parameter vector.
@@ -614,9 +612,7 @@ fn rates(value: &Dual) -> Option<SVector<f64, DIRECTIONS>> {
 /// Rate of a pose along one direction, as a screw at the origin of the frame that it maps into.
 fn screw_of(pose: &DualQuaternion<Dual>, direction: usize) -> Screw {
     let part = |x: &Dual| rates(x).map_or(0.0, |r| r[direction]);
-    let value = |q: &nalgebra::Quaternion<Dual>| {
-        nalgebra::Quaternion::from(q.coords.map(|x| x.re))
-    };
+    let value = |q: &nalgebra::Quaternion<Dual>| nalgebra::Quaternion::from(q.coords.map(|x| x.re));
     let rate =
         |q: &nalgebra::Quaternion<Dual>| nalgebra::Quaternion::from(q.coords.map(|x| part(&x)));
     let (real, dual) = (value(&pose.real), value(&pose.dual));

@@ -51,7 +51,9 @@ pub fn model(
     if add && file.is_none() {
         wanted.extend(default_effects(campaign, &setup));
     }
-    let listed = names.split(',').map(|name| name.trim().trim_start_matches('+'));
+    let listed = names
+        .split(',')
+        .map(|name| name.trim().trim_start_matches('+'));
     wanted.extend(listed.filter(|name| !name.is_empty()));
     for frame in frames(campaign) {
         let chosen = choices.iter().any(|choice| choice.effect.id() == frame);
@@ -102,7 +104,12 @@ fn frames(campaign: &Campaign) -> Vec<&'static str> {
 
 /// The default: frames, geometry, and joint compliance where something loads the joints.
 fn default_effects(campaign: &Campaign, setup: &Setup) -> Vec<&'static str> {
-    let heavy = setup.robot.bodies.iter().skip(1).any(|body| body.mass > 0.0);
+    let heavy = setup
+        .robot
+        .bodies
+        .iter()
+        .skip(1)
+        .any(|body| body.mass > 0.0);
     let loaded = campaign.readings.iter().any(|reading| {
         reading.payload.is_some_and(|payload| payload.mass > 0.0) || reading.wrench.is_some()
     });
@@ -125,8 +132,7 @@ fn read(path: &Path) -> Result<Vec<Choice>, ModelError> {
         file: file.clone(),
         message,
     };
-    let document: ModelDocument =
-        toml::from_str(&text).map_err(|error| form(error.to_string()))?;
+    let document: ModelDocument = toml::from_str(&text).map_err(|error| form(error.to_string()))?;
     let tables = document.effect.into_iter().enumerate();
     let choices = tables
         .map(|(index, table)| {

@@ -30,9 +30,12 @@ impl Load {
     /// by up to 31 %.
     pub fn of(setup: &Setup, reading: &Reading) -> Self {
         let link = &setup.robot.links[setup.targets[reading.target].link];
-        let payload = reading
-            .payload
-            .map(|payload| (payload.mass, link.body_from_link * nalgebra::Point3::from(payload.com)));
+        let payload = reading.payload.map(|payload| {
+            (
+                payload.mass,
+                link.body_from_link * nalgebra::Point3::from(payload.com),
+            )
+        });
         let follower = match (payload, reading.wrench) {
             (None, Some(wrench)) => {
                 let turn = link.body_from_link.rotation;

@@ -3,9 +3,9 @@
 use super::{Outcome, print, print_json, progress};
 use crate::campaign::Campaign;
 use crate::fit::{self, Options};
+use crate::model_file;
 use crate::report;
 use crate::report::fit::Detail;
-use crate::model_file;
 use std::path::PathBuf;
 
 /// Identify a model's parameters from a campaign: values, intervals, errors, and what cannot be seen.
@@ -77,7 +77,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             &campaign,
             &found,
             baseline.as_ref(),
-            if arguments.all { Detail::Everything } else { Detail::Usual },
+            if arguments.all {
+                Detail::Everything
+            } else {
+                Detail::Usual
+            },
         ))?;
     }
     Ok(if found.converged {

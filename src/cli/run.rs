@@ -4,9 +4,9 @@ use super::{Outcome, print, print_json, progress, simulate};
 use crate::fit::{self, Options};
 use crate::model_file;
 use crate::report;
-use crate::report::run::RunDocument;
+use crate::report::run::{Instead, RunDocument};
 use crate::scenario::expect::{check_fit, check_study, compare};
-use crate::scenario::{Scenario, efficiency, simulate::truth_text};
+use crate::scenario::{Scenario, efficiency, simulate::truth_text, workspace};
 use anyhow::Context;
 use std::path::PathBuf;
 
@@ -39,7 +39,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(seed) = arguments.seed {
         scenario.seed = seed;
     }
-    let campaigns = arguments.campaigns.map(|n| n as usize).or(scenario.campaigns);
+    let campaigns = arguments
+        .campaigns
+        .map(|n| n as usize)
+        .or(scenario.campaigns);
     let (document, text) = match campaigns {
         Some(campaigns) => study(&scenario, campaigns)?,
         None => fit_once(arguments, &scenario)?,
@@ -56,7 +59,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         print(&text)?;
     }
     let converged = scenario.expect.converged.is_some()
-        || document.fit.as_ref().is_none_or(report::json::FitDocument::converged);
+        || document
+            .fit
+            .as_ref()
+            .is_none_or(report::json::FitDocument::converged);
     Ok(if document.passed && converged {
         Outcome::Done
     } else {
@@ -95,11 +101,24 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
     spinner.finish_and_clear();
     let compared = compare(scenario, &found);
     let checks = check_fit(&scenario.expect, &found, &compared);
+    let by_paper = match scenario.compare_paper {
+        true => Some(fit::paper::fit(&campaign)?),
+        false => None,
+    };
+    let survey = survey(scenario)?;
+    let instead = instead(scenario)?;
     let text = format!(
-        "{}\n{}\n{}\n{}",
+        "{}\n{}\n{}{}{}{}",
         title(scenario),
-        report::fit::text(&campaign, &found, Some(&baseline), report::fit::Detail::Errors),
-        report::run::springs(&compared, found.quantile()),
+        report::fit::text(
+            &campaign,
+            &found,
+            Some(&baseline),
+            report::fit::Detail::Errors
+        ),
+        report::run::springs(&compared, found.quantile(), by_paper.as_ref()),
+        report::run::survey(scenario, &survey),
+        report::run::instead(&instead),
         report::run::checks(&checks)
     );
     let document = RunDocument {
@@ -108,11 +127,45 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
         seed: scenario.seed,
         fit: Some(report::json::fit(&found, Some(&baseline))),
         truth: compared,
+        paper: by_paper.as_ref().map(report::paper::document),
+        workspace: survey,
+        instead,
         study: None,
         passed: checks.iter().all(|check| check.met),
         expect: checks,
     };
     Ok((document, text))
+}
+
+/// The survey of the workspace, if the scenario wants one.
+fn survey(scenario: &Scenario) -> anyhow::Result<Vec<workspace::Survey>> {
+    let Some(wanted) = &scenario.workspace else {
+        return Ok(Vec::new());
+    };
+    let rounds = wanted.exponents.len().max(1) * scenario.setup.targets.len();
+    let bar = progress::bar((rounds * wanted.postures) as u64, "postures");
+    let rows = workspace::survey(scenario, wanted, || bar.inc(1))?;
+    bar.finish_and_clear();
+    Ok(rows)
+}
+
+/// What other designs could do, the scenario's own first.
+fn instead(scenario: &Scenario) -> anyhow::Result<Vec<Instead>> {
+    if scenario.instead.is_empty() {
+        return Ok(Vec::new());
+    }
+    let own = [("as measured".to_owned(), scenario.design.clone())];
+    let designs = own.iter().chain(&scenario.instead);
+    designs
+        .map(|(title, design)| {
+            let mut other = scenario.clone();
+            other.design = design.clone();
+            Ok(Instead {
+                title: title.clone(),
+                bounds: efficiency::bounds(&other)?,
+            })
+        })
+        .collect()
 }
 
 /// Many campaigns against the Cramér-Rao bound.
@@ -133,6 +186,9 @@ fn study(scenario: &Scenario, campaigns: usize) -> anyhow::Result<(RunDocument, 
         seed: scenario.seed,
         fit: None,
         truth: Vec::new(),
+        paper: None,
+        workspace: Vec::new(),
+        instead: Vec::new(),
         study: Some(report::run::study_document(&study)),
         passed: checks.iter().all(|check| check.met),
         expect: checks,

@@ -76,12 +76,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 
 /// Simulates with a progress bar.
 pub(super) fn campaign(scenario: &Scenario) -> anyhow::Result<Campaign> {
-    let design = &scenario.design;
-    let readings = design.poses
-        * design.loads.len()
-        * design.directions
-        * design.repeats
-        * scenario.setup.targets.len();
+    let readings = scenario.design.readings(scenario.setup.targets.len());
     let bar = progress::bar(readings as u64, "readings");
     let campaign = simulate::simulate(scenario, || bar.inc(1))?;
     bar.finish_and_clear();

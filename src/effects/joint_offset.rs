@@ -53,12 +53,19 @@ impl Effect for JointOffset {
     }
 
     fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError> {
-        let offsets: Vec<(usize, f64)> = setup.observed.iter().copied().zip(p.iter().copied()).collect();
-        plant.command_laws.push(std::sync::Arc::new(move |_, angles| {
-            for &(joint, offset) in &offsets {
-                angles[joint] += offset;
-            }
-        }));
+        let offsets: Vec<(usize, f64)> = setup
+            .observed
+            .iter()
+            .copied()
+            .zip(p.iter().copied())
+            .collect();
+        plant
+            .command_laws
+            .push(std::sync::Arc::new(move |_, angles| {
+                for &(joint, offset) in &offsets {
+                    angles[joint] += offset;
+                }
+            }));
         Ok(())
     }
 }

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use solve::{Linear, Problem, Solution};
 use std::collections::BTreeMap;
 
-pub use rank::{Status, Unobservable};
+pub use rank::{LOST, Status, Unobservable};
 
 /// Readings a block: large enough to amortise a QR factorisation, fixed so that sums do not depend on threads.
 const BLOCK: usize = 48;
@@ -365,7 +365,10 @@ fn from_residual(model: &Model, p: &[f64], readings: &[&Reading], rank: usize) -
         let variance = squares / (rows as f64 * left).max(1.0);
         variance.sqrt().max(noise::FLOOR)
     };
-    noise::isotropic(size(position, 3 * readings.len()), size(orientation, turned.max(1)))
+    noise::isotropic(
+        size(position, 3 * readings.len()),
+        size(orientation, turned.max(1)),
+    )
 }
 
 /// Residuals, measured minus predicted: position (m), rotation vector (rad), in the tracker's frame.
@@ -391,9 +394,7 @@ fn residual(prediction: &crate::model::Prediction, reading: &Reading) -> Vector6
         Some(seen) => rotation_vector(&(seen * prediction.orientation.inverse()).into_inner()),
         None => Vector3::zeros(),
     };
-    Vector6::new(
-        position.x, position.y, position.z, turn.x, turn.y, turn.z,
-    )
+    Vector6::new(position.x, position.y, position.z, turn.x, turn.y, turn.z)
 }
 
 /// A model and readings as a least-squares problem over the free parameters.
@@ -539,11 +540,7 @@ pub fn errors(model: &Model, p: &[f64], readings: &[&Reading], whiteners: &[Whit
     summarise(&residuals, readings, whiteners)
 }
 
-fn summarise(
-    residuals: &[Vector6<f64>],
-    readings: &[&Reading],
-    whiteners: &[Whitener],
-) -> Errors {
+fn summarise(residuals: &[Vector6<f64>], readings: &[&Reading], whiteners: &[Whitener]) -> Errors {
     let distances: Vec<f64> = residuals
         .iter()
         .map(|r| r.fixed_rows::<3>(0).norm())
@@ -634,7 +631,12 @@ fn finish(
     (heldout, heldout_by): (Option<Errors>, Option<HeldoutBy>),
     (fitted, heldout_count): (&[&Reading], usize),
 ) -> Fit {
-    let judged = rank::judge(model, &estimate.free, &estimate.solution, estimate.used.factor);
+    let judged = rank::judge(
+        model,
+        &estimate.free,
+        &estimate.solution,
+        estimate.used.factor,
+    );
     Fit {
         model: model.clone(),
         values: estimate.p,

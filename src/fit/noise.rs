@@ -43,12 +43,7 @@ pub struct Whitener {
 }
 
 /// Covariance of the readings as the noise model says, at the parameters `p`.
-pub fn whiteners(
-    model: &Model,
-    p: &[f64],
-    readings: &[&Reading],
-    noise: &Noise,
-) -> Vec<Whitener> {
+pub fn whiteners(model: &Model, p: &[f64], readings: &[&Reading], noise: &Noise) -> Vec<Whitener> {
     let joints = model.setup.robot.joints.len();
     readings
         .par_iter()

@@ -163,7 +163,12 @@ fn pairs(campaign: &Campaign, is_loaded: impl Fn(&Reading) -> bool) -> Vec<Pair<
     let mut groups: BTreeMap<_, Vec<&Reading>> = BTreeMap::new();
     for reading in &campaign.readings {
         if reading.split == Split::Fit && reading.orientation.is_some() {
-            let approach: Vec<u64> = reading.approach.iter().flatten().map(|x| x.to_bits()).collect();
+            let approach: Vec<u64> = reading
+                .approach
+                .iter()
+                .flatten()
+                .map(|x| x.to_bits())
+                .collect();
             let key = (reading.target, pose_key(reading), approach);
             groups.entry(key).or_default().push(reading);
         }
@@ -180,7 +185,10 @@ fn pairs(campaign: &Campaign, is_loaded: impl Fn(&Reading) -> bool) -> Vec<Pair<
         };
         let mut by_load: BTreeMap<_, Vec<&Reading>> = BTreeMap::new();
         for reading in loaded {
-            by_load.entry(load_key(reading.payload)).or_default().push(reading);
+            by_load
+                .entry(load_key(reading.payload))
+                .or_default()
+                .push(reading);
         }
         for readings in by_load.into_values() {
             if let Some(loaded) = mean_pose(&readings) {
@@ -198,7 +206,11 @@ fn pairs(campaign: &Campaign, is_loaded: impl Fn(&Reading) -> bool) -> Vec<Pair<
 fn mean_pose(readings: &[&Reading]) -> Option<Isometry3<f64>> {
     let first = readings.first()?.orientation?;
     let n = readings.len() as f64;
-    let position = readings.iter().map(|r| r.position).sum::<nalgebra::Vector3<f64>>() / n;
+    let position = readings
+        .iter()
+        .map(|r| r.position)
+        .sum::<nalgebra::Vector3<f64>>()
+        / n;
     let turns: nalgebra::Vector3<f64> = readings
         .iter()
         .filter_map(|r| Some((r.orientation? * first.inverse()).scaled_axis()))
@@ -210,7 +222,9 @@ fn mean_pose(readings: &[&Reading]) -> Option<Isometry3<f64>> {
 /// base_from_tracker and link_from_target as fitted.
 fn frame_poses(frames: &Fit, model: &Model, target: usize) -> (Isometry3<f64>, Isometry3<f64>) {
     let pose = |id: &str, first: usize| {
-        let numbers = model.term(id).map(|term| &term.of(&frames.values)[first..first + 6]);
+        let numbers = model
+            .term(id)
+            .map(|term| &term.of(&frames.values)[first..first + 6]);
         numbers.map_or_else(Isometry3::identity, |p| {
             Isometry3::new(
                 nalgebra::Vector3::new(p[0], p[1], p[2]),
@@ -257,7 +271,11 @@ fn columns(setup: &Setup, reading: &Reading, target: &Isometry3<f64>) -> Vec<Vec
             }
             let screw = statics.screw(setup, joint, &still);
             let torque = with[joint] - without[joint];
-            let torque = if torque.abs() < NO_TORQUE { 0.0 } else { torque };
+            let torque = if torque.abs() < NO_TORQUE {
+                0.0
+            } else {
+                torque
+            };
             let v = screw.at(&point) * torque;
             let w = screw.angular * torque;
             Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)

@@ -55,7 +55,7 @@ pub(super) struct Judged {
 }
 
 /// Share of a parameter in directions without information from which on it counts as unobservable.
-const LOST: f64 = 0.1;
+pub const LOST: f64 = 0.1;
 
 /// Judges the parameters of a solution; `variance` scales the covariance.
 pub(super) fn judge(model: &Model, free: &[usize], solution: &Solution, variance: f64) -> Judged {
@@ -67,7 +67,7 @@ pub(super) fn judge(model: &Model, free: &[usize], solution: &Solution, variance
     let everything = Spectrum::of(solution.linear.factor.clone());
     let spectrum = Spectrum::of(solution.linear.factor.select_columns(&inner));
     let m = inner.len();
-    let lost: Vec<f64> = (0..n).map(|k| share(&everything, k)).collect();
+    let lost: Vec<f64> = (0..n).map(|k| everything.lost(k)).collect();
     let mut scaled = DMatrix::zeros(m, m);
     for (i, &value) in spectrum.values.iter().enumerate() {
         let v = spectrum.v.column(i);
@@ -108,13 +108,6 @@ pub(super) fn judge(model: &Model, free: &[usize], solution: &Solution, variance
     }
 }
 
-/// Squared length of a parameter's unit vector in the directions that do not count.
-fn share(spectrum: &Spectrum, parameter: usize) -> f64 {
-    (spectrum.rank..spectrum.values.len())
-        .map(|i| spectrum.v[(parameter, i)].powi(2))
-        .sum()
-}
-
 /// Parameters that no reading depends on one by one; the others grouped by effect, with their partners.
 fn in_words(
     names: &[(&str, &Parameter)],
@@ -132,7 +125,11 @@ fn in_words(
         if norms[k] < WEAK {
             words.push(Unobservable {
                 what: format!("{effect}.{}", parameter.name),
-                why: format!("{} ({})", unseen(effect, parameter), size(norms[k], parameter)),
+                why: format!(
+                    "{} ({})",
+                    unseen(effect, parameter),
+                    size(norms[k], parameter)
+                ),
             });
         } else {
             together.entry(effect).or_default().push(k);
@@ -149,7 +146,8 @@ fn in_words(
         let why = if strongest < 10.0 * WEAK {
             "too weak beside the others to be told from them".to_owned()
         } else if partners.is_empty() {
-            "only in combination with each other: some motions of one undo those of another".to_owned()
+            "only in combination with each other: some motions of one undo those of another"
+                .to_owned()
         } else {
             format!(
                 "only in combination with {}: what one does the other can undo",

@@ -72,7 +72,11 @@ pub struct Solution {
 }
 
 /// Minimises from `start`.
-pub fn solve(problem: &dyn Problem, start: &[f64], mut on_step: impl FnMut(usize, f64)) -> Solution {
+pub fn solve(
+    problem: &dyn Problem,
+    start: &[f64],
+    mut on_step: impl FnMut(usize, f64),
+) -> Solution {
     let mut p: Vec<f64> = start
         .iter()
         .zip(problem.bounds())
@@ -142,7 +146,9 @@ fn with_prior(problem: &dyn Problem, linear: &Linear, p: &[f64], centre: &[f64])
     }
     let (rows, n) = linear.factor.shape();
     let mut stacked = DMatrix::zeros(rows + n, n + 1);
-    stacked.view_mut((0, 0), (rows, n)).copy_from(&linear.factor);
+    stacked
+        .view_mut((0, 0), (rows, n))
+        .copy_from(&linear.factor);
     stacked.view_mut((0, n), (rows, 1)).copy_from(&linear.right);
     for k in 0..n {
         stacked[(rows + k, k)] = strength;
@@ -184,12 +190,7 @@ fn moved(problem: &dyn Problem, p: &[f64], step: &DVector<f64>) -> Vec<f64> {
 
 /// The step, in typical sizes; parameters that it would carry past a bound stop there, and the others are
 /// solved for again.
-fn bounded_step(
-    problem: &dyn Problem,
-    linear: &Linear,
-    p: &[f64],
-    damping: f64,
-) -> DVector<f64> {
+fn bounded_step(problem: &dyn Problem, linear: &Linear, p: &[f64], damping: f64) -> DVector<f64> {
     let n = p.len();
     let mut fixed: Vec<Option<f64>> = vec![None; n];
     loop {
@@ -223,11 +224,7 @@ fn bounded_step(
 }
 
 /// `x` that minimises `‖A x + b‖² + damping ‖x‖²` over the directions that count.
-fn least_squares(
-    factor: DMatrix<f64>,
-    right: &DVector<f64>,
-    damping: f64,
-) -> DVector<f64> {
+fn least_squares(factor: DMatrix<f64>, right: &DVector<f64>, damping: f64) -> DVector<f64> {
     let spectrum = Spectrum::of(factor);
     let along = spectrum.u.transpose() * right;
     let mut step = DVector::zeros(spectrum.v.nrows());
@@ -255,6 +252,19 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
+    /// Standard deviation of a parameter from the directions that count, typical sizes.
+    pub fn deviation(&self, parameter: usize) -> f64 {
+        let parts = (0..self.rank).map(|i| (self.v[(parameter, i)] / self.values[i]).powi(2));
+        parts.sum::<f64>().sqrt()
+    }
+
+    /// Share of a parameter in the directions that do not count: squared length of its unit vector there.
+    pub fn lost(&self, parameter: usize) -> f64 {
+        (self.rank..self.values.len())
+            .map(|i| self.v[(parameter, i)].powi(2))
+            .sum()
+    }
+
     /// Singular values below this are rounding.
     pub fn rounding(&self) -> f64 {
         ROUNDING * self.values.first().copied().unwrap_or(0.0)
@@ -283,7 +293,9 @@ impl Spectrum {
         let rank = values.iter().filter(|&&s| s >= least).count();
         Self {
             u: svd.u.unwrap_or_else(|| DMatrix::zeros(rows, n)),
-            v: svd.v_t.map_or_else(|| DMatrix::zeros(n, n), |v| v.transpose()),
+            v: svd
+                .v_t
+                .map_or_else(|| DMatrix::zeros(n, n), |v| v.transpose()),
             values,
             rank,
         }
@@ -299,7 +311,8 @@ pub fn reduce(blocks: impl IntoIterator<Item = DMatrix<f64>>, columns: usize) ->
             Some(above) => {
                 let mut both = DMatrix::zeros(above.nrows() + block.nrows(), columns + 1);
                 both.rows_mut(0, above.nrows()).copy_from(&above);
-                both.rows_mut(above.nrows(), block.nrows()).copy_from(&block);
+                both.rows_mut(above.nrows(), block.nrows())
+                    .copy_from(&block);
                 both
             }
         };
@@ -312,7 +325,10 @@ pub fn reduce(blocks: impl IntoIterator<Item = DMatrix<f64>>, columns: usize) ->
         .sum();
     Linear {
         factor: triangle.view((0, 0), (rows, columns)).into_owned(),
-        right: triangle.view((0, columns), (rows, 1)).column(0).into_owned(),
+        right: triangle
+            .view((0, columns), (rows, 1))
+            .column(0)
+            .into_owned(),
         rest,
     }
 }

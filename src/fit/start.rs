@@ -69,11 +69,8 @@ pub fn frames(campaign: &Campaign, setup: &Setup, readings: &[&Reading]) -> Star
 
 /// base_from_link of the nominal, unloaded robot.
 fn nominal_link(setup: &Setup, reading: &Reading) -> Isometry3<f64> {
-    let mut statics = crate::statics::Statics::new(setup);
-    let still = vec![0.0; crate::posture::displacement_count(setup)];
-    statics.place(setup, &reading.joints, &still);
     let link = &setup.robot.links[setup.targets[reading.target].link];
-    statics.body[link.body].to_isometry() * link.body_from_link
+    setup.robot.body_poses(&reading.joints)[link.body] * link.body_from_link
 }
 
 /// The tracker's rotation in the base frame if it is known or the readings hold orientations.
@@ -99,9 +96,13 @@ fn tracker_rotation(campaign: &Campaign, pairs: &[Pair]) -> Option<Rotation3<f64
     // otherwise the target with most orientations
     let count = |target: usize| {
         let of_target = pairs.iter().filter(|p| p.reading.target == target);
-        of_target.filter(|p| p.reading.orientation.is_some()).count()
+        of_target
+            .filter(|p| p.reading.orientation.is_some())
+            .count()
     };
-    let target = (0..campaign.targets.len()).rev().max_by_key(|&t| count(t))?;
+    let target = (0..campaign.targets.len())
+        .rev()
+        .max_by_key(|&t| count(t))?;
     let mut kronecker = SMatrix::<f64, 9, 9>::zeros();
     for pair in pairs.iter().filter(|p| p.reading.target == target) {
         let Some(seen) = pair.reading.orientation else {
@@ -178,7 +179,9 @@ fn translations(campaign: &Campaign, pairs: &[Pair], tracker: &Rotation3<f64>) -
         let mut row = DMatrix::<f64>::zeros(3, count);
         match known_tracker {
             Some(t) => value += t,
-            None => row.view_mut((0, 0), (3, 3)).copy_from(&(-Matrix3::identity())),
+            None => row
+                .view_mut((0, 0), (3, 3))
+                .copy_from(&(-Matrix3::identity())),
         }
         let first = 3 + 3 * pair.reading.target;
         match campaign.link_from_target[pair.reading.target] {
@@ -200,7 +203,8 @@ fn translations(campaign: &Campaign, pairs: &[Pair], tracker: &Rotation3<f64>) -
             (row * &solution - value).norm_squared()
         })
         .sum();
-    let part = |first: usize| Vector3::new(solution[first], solution[first + 1], solution[first + 2]);
+    let part =
+        |first: usize| Vector3::new(solution[first], solution[first + 1], solution[first + 2]);
     Places {
         tracker: known_tracker.unwrap_or(part(0)),
         targets: (0..campaign.targets.len())

@@ -2,8 +2,8 @@
 
 use super::messages::{Header, TransformStamped, Xyz, Xyzw};
 use crate::campaign::{Campaign, Frame};
-use crate::robot::{Joint, JointKind, Robot};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use crate::robot::Robot;
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 /// Name of the tracker's frame, unlike any link's.
 pub(super) fn tracker_frame(robot: &Robot) -> String {
@@ -53,7 +53,7 @@ pub(super) fn moving(robot: &Robot, joints: &[f64], header: &Header) -> Vec<Tran
         {
             let pose = body_from_frame(robot, joint.parent).inverse()
                 * joint.parent_from_joint
-                * motion(joint, *q)
+                * joint.motion(*q)
                 * body_from_frame(robot, index + 1);
             transforms.push(stamped(header, &parent.name, child.name.clone(), &pose));
         }
@@ -68,19 +68,6 @@ pub(super) fn body_from_frame(robot: &Robot, body: usize) -> Isometry3<f64> {
         .iter()
         .find(|link| link.body == body && link.name == robot.bodies[body].name)
         .map_or_else(Isometry3::identity, |link| link.body_from_link)
-}
-
-fn motion(joint: &Joint, q: f64) -> Isometry3<f64> {
-    match joint.kind {
-        JointKind::Revolute | JointKind::Continuous => Isometry3::from_parts(
-            Translation3::identity(),
-            UnitQuaternion::from_axis_angle(&joint.axis, q),
-        ),
-        JointKind::Prismatic => Isometry3::from_parts(
-            Translation3::from(joint.axis.into_inner() * q),
-            UnitQuaternion::identity(),
-        ),
-    }
 }
 
 fn stamped(

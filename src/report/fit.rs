@@ -25,7 +25,11 @@ pub fn text(campaign: &Campaign, fit: &Fit, baseline: Option<&Fit>, detail: Deta
     let _ = writeln!(out, "{}", noise_line(campaign, fit));
     let _ = writeln!(out, "\n{}", error_lines(fit, baseline));
     if detail != Detail::Errors {
-        let _ = write!(out, "{}", parameter_tables(fit, detail == Detail::Everything));
+        let _ = write!(
+            out,
+            "{}",
+            parameter_tables(fit, detail == Detail::Everything)
+        );
     }
     if !fit.unobservable.is_empty() {
         let _ = writeln!(out, "\nnot seen");
@@ -115,10 +119,7 @@ fn error_lines(fit: &Fit, baseline: Option<&Fit>) -> String {
     };
     if let Some(frames) = baseline {
         match &frames.heldout {
-            Some(e) => add(
-                &format!("frames alone, {}", held(frames.heldout_by)),
-                e,
-            ),
+            Some(e) => add(&format!("frames alone, {}", held(frames.heldout_by)), e),
             None => add("frames alone", &frames.fit),
         }
     }
@@ -158,7 +159,14 @@ fn parameter_tables(fit: &Fit, all: bool) -> String {
         let compliance = id == "joint_compliance";
         let mut rows = if compliance {
             table(
-                &[id, "c (1e-6)", "± 95 %", "K = 1/c", "95 % interval of K", "status"],
+                &[
+                    id,
+                    "c (1e-6)",
+                    "± 95 %",
+                    "K = 1/c",
+                    "95 % interval of K",
+                    "status",
+                ],
                 &[1, 2, 3, 4],
             )
         } else {
@@ -174,7 +182,11 @@ fn parameter_tables(fit: &Fit, all: bool) -> String {
                 let dash = || "—".to_owned();
                 rows.add_row(vec![
                     parameter.name.clone(),
-                    if shown { number(fit.values[k] * 1e6) } else { dash() },
+                    if shown {
+                        number(fit.values[k] * 1e6)
+                    } else {
+                        dash()
+                    },
                     half.map_or_else(dash, |h| number(h * 1e6)),
                     if shown { value } else { dash() },
                     interval,
@@ -184,7 +196,11 @@ fn parameter_tables(fit: &Fit, all: bool) -> String {
                 let shown = fit.status[k] != Status::Unobservable;
                 rows.add_row(vec![
                     parameter.name.clone(),
-                    if shown { significant(fit.values[k], 6) } else { "—".to_owned() },
+                    if shown {
+                        significant(fit.values[k], 6)
+                    } else {
+                        "—".to_owned()
+                    },
                     half.map_or("—".to_owned(), number),
                     parameter.unit.to_owned(),
                     status,
@@ -210,7 +226,11 @@ fn stiffness(c: f64, half: Option<f64>, unit: &str) -> (String, String) {
     let interval = match half {
         None => "—".to_owned(),
         Some(half) if c - half > 0.0 => {
-            format!("{} … {}", number(1.0 / (c + half)), number(1.0 / (c - half)))
+            format!(
+                "{} … {}",
+                number(1.0 / (c + half)),
+                number(1.0 / (c - half))
+            )
         }
         Some(half) => format!("≥ {}", number(1.0 / (c + half))),
     };

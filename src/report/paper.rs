@@ -79,7 +79,9 @@ pub fn text(campaign: &Campaign, fit: &PaperFit) -> String {
             joint.name.clone(),
             joint.compliance.map_or_else(dash, |c| number(c * 1e6)),
             joint.std.map_or_else(dash, |s| number(s * 1e6)),
-            joint.compliance.map_or_else(dash, |c| format!("{} N·m/rad", number(1.0 / c))),
+            joint
+                .compliance
+                .map_or_else(dash, |c| format!("{} N·m/rad", number(1.0 / c))),
             match joint.compliance {
                 Some(c) if c < 0.0 => "negative: noise".to_owned(),
                 Some(_) => "estimated".to_owned(),

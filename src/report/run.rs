@@ -1,10 +1,14 @@
 //! A scenario's run on the terminal, and as JSON.
 
-use super::format::{count, number, render, table, wrap};
+use super::format::{angle, count, length, number, render, table, wrap};
 use super::json::FitDocument;
+use super::paper::PaperDocument;
 use crate::fit::Status;
-use crate::scenario::efficiency::Study;
+use crate::fit::paper::PaperFit;
+use crate::scenario::Scenario;
+use crate::scenario::efficiency::{Bound, Study};
 use crate::scenario::expect::{Check, Comparison};
+use crate::scenario::workspace::Survey;
 use serde::Serialize;
 use std::fmt::Write;
 
@@ -21,12 +25,27 @@ pub struct RunDocument {
     pub fit: Option<FitDocument>,
     /// Parameters beside their truth.
     pub truth: Vec<Comparison>,
+    /// The same springs by the paper's estimator, if asked for.
+    pub paper: Option<PaperDocument>,
+    /// Deflection over the workspace, if asked for.
+    pub workspace: Vec<Survey>,
+    /// What other designs could do, if asked for.
+    pub instead: Vec<Instead>,
     /// The efficiency study, if it was one.
     pub study: Option<StudyDocument>,
     /// Expectations.
     pub expect: Vec<Check>,
     /// All expectations met?
     pub passed: bool,
+}
+
+/// Cramér-Rao bounds of one design.
+#[derive(Debug, Serialize)]
+pub struct Instead {
+    /// The design in words.
+    pub title: String,
+    /// By compliance.
+    pub bounds: Vec<Bound>,
 }
 
 /// An efficiency study as data.
@@ -77,35 +96,41 @@ pub fn study_document(study: &Study) -> StudyDocument {
     }
 }
 
-/// Compliances beside the springs of the plant.
-pub fn springs(compared: &[Comparison], quantile: f64) -> String {
-    let rows_of: Vec<&Comparison> = compared
+/// Compliances beside the springs of the plant, and what the paper's estimator makes of the same readings.
+pub fn springs(compared: &[Comparison], quantile: f64, paper: Option<&PaperFit>) -> String {
+    let springs: Vec<&Comparison> = compared
         .iter()
         .filter(|row| row.effect == "joint_compliance")
         .collect();
-    if rows_of.is_empty() {
+    if springs.is_empty() {
         return String::new();
     }
-    let mut rows = table(
-        &["springs", "in MuJoCo", "identified", "± 95 %", "error", "", "status"],
-        &[1, 2, 3, 4],
-    );
-    for row in rows_of {
-        let stiffness = |c: f64| format!("{} N·m/rad", number(1.0 / c));
+    let mut header = vec!["spring", "in MuJoCo", "identified", "95 % interval"];
+    if paper.is_some() {
+        header.push("paper's way");
+    }
+    header.extend(["error", "", "status"]);
+    let numbers: Vec<usize> = (1..header.len() - 2).collect();
+    let mut rows = table(&header, &numbers);
+    for row in springs {
         let seen = row.status != Status::Unobservable;
-        let dash = || "—".to_owned();
         let half = row.std.map(|std| std * quantile);
         let inside = half.is_some_and(|half| (row.value - row.truth).abs() <= half);
-        rows.add_row(vec![
+        let mut cells = vec![
             row.name.clone(),
-            if row.truth > 0.0 { stiffness(row.truth) } else { "rigid".to_owned() },
+            stiffness(Some(row.truth)),
+            stiffness(seen.then_some(row.value)),
+            half.map_or_else(dash, |half| interval(row.value, half)),
+        ];
+        if let Some(paper) = paper {
+            let joint = paper.joints.iter().find(|joint| joint.name == row.name);
+            cells.push(stiffness(joint.and_then(|joint| joint.compliance)));
+        }
+        cells.extend([
             match (seen, row.value > 0.0) {
-                (false, _) => dash(),
-                (true, true) => stiffness(row.value),
-                (true, false) => "rigid".to_owned(),
+                (true, true) => percent((1.0 / row.value - 1.0 / row.truth) * row.truth),
+                _ => dash(),
             },
-            half.map_or_else(dash, |half| percent(half / row.value)),
-            if seen { percent((1.0 / row.value - 1.0 / row.truth) * row.truth) } else { dash() },
             match (seen, half, inside) {
                 (true, Some(_), true) => "inside".to_owned(),
                 (true, Some(_), false) => "OUTSIDE".to_owned(),
@@ -113,8 +138,98 @@ pub fn springs(compared: &[Comparison], quantile: f64) -> String {
             },
             row.status.word().to_owned(),
         ]);
+        rows.add_row(cells);
     }
-    render(&rows) + "\n"
+    format!(
+        "springs of MuJoCo beside those identified, N·m/rad\n{}\n\n",
+        render(&rows)
+    )
+}
+
+fn dash() -> String {
+    "—".to_owned()
+}
+
+/// Stiffness of a compliance, N·m/rad.
+fn stiffness(compliance: Option<f64>) -> String {
+    match compliance {
+        None => dash(),
+        Some(0.0) => "rigid".to_owned(),
+        Some(c) => number(1.0 / c),
+    }
+}
+
+/// Interval of a stiffness from one of its compliance; one that may be zero has no upper end.
+fn interval(compliance: f64, half: f64) -> String {
+    let low = number(1.0 / (compliance + half));
+    if compliance > half {
+        format!("{low} … {}", number(1.0 / (compliance - half)))
+    } else {
+        format!("≥ {low}")
+    }
+}
+
+/// How far the plant gives way over its workspace.
+pub fn survey(scenario: &Scenario, rows_of: &[Survey]) -> String {
+    if rows_of.is_empty() {
+        return String::new();
+    }
+    let mut rows = table(
+        &[
+            "springs",
+            "target",
+            "position, max",
+            "median",
+            "orientation, max",
+            "does not hold",
+        ],
+        &[2, 3, 4, 5],
+    );
+    for row in rows_of {
+        rows.add_row(vec![
+            row.exponent.map_or("as in MuJoCo".to_owned(), |e| {
+                format!("paper's tables × 10^{e}")
+            }),
+            row.target.clone(),
+            length(row.position_max_m),
+            length(row.position_median_m),
+            angle(row.orientation_max_rad),
+            format!("{} of {}", row.collapsed, row.postures),
+        ]);
+    }
+    let load = scenario.design.loads.last();
+    let title = format!(
+        "deflection by {} kg over the workspace, by MuJoCo",
+        load.map_or_else(|| "0".to_owned(), |load| number(load.mass))
+    );
+    let note = match &scenario.note {
+        Some(note) => wrap(note, 0) + "\n",
+        None => String::new(),
+    };
+    format!("{title}\n{}\n{note}\n", render(&rows))
+}
+
+/// What other designs could do: one column each.
+pub fn instead(designs: &[Instead]) -> String {
+    let Some(first) = designs.first() else {
+        return String::new();
+    };
+    let mut header = vec!["best σ of a compliance"];
+    header.extend(designs.iter().map(|design| design.title.as_str()));
+    let numbers: Vec<usize> = (1..header.len()).collect();
+    let mut rows = table(&header, &numbers);
+    for (index, bound) in first.bounds.iter().enumerate() {
+        let mut cells = vec![bound.name.clone()];
+        cells.extend(designs.iter().map(|design| {
+            let relative = design.bounds.get(index).and_then(|bound| bound.relative);
+            relative.map_or("not seen".to_owned(), percent)
+        }));
+        rows.add_row(cells);
+    }
+    format!(
+        "what each design could know at best (Cramér-Rao bound over the true value)\n{}\n\n",
+        render(&rows)
+    )
 }
 
 fn percent(share: f64) -> String {
@@ -124,7 +239,14 @@ fn percent(share: f64) -> String {
 /// The study's table.
 pub fn study(study: &Study) -> String {
     let mut rows = table(
-        &["compliance of", "bound σ/c", "efficiency", "bias/σ", "coverage", "paper's efficiency"],
+        &[
+            "compliance of",
+            "bound σ/c",
+            "efficiency",
+            "bias/σ",
+            "coverage",
+            "paper's efficiency",
+        ],
         &[1, 2, 3, 4, 5],
     );
     for joint in &study.joints {
@@ -151,7 +273,11 @@ pub fn study(study: &Study) -> String {
         render(&rows)
     );
     if study.not_converged > 0 {
-        let _ = writeln!(out, "\n{} did not converge", count(study.not_converged, "fit"));
+        let _ = writeln!(
+            out,
+            "\n{} did not converge",
+            count(study.not_converged, "fit")
+        );
     }
     out
 }

@@ -40,7 +40,7 @@ pub enum JointKind {
     Prismatic,
 }
 
-/// One moving joint: `body_from_parent = parent_from_joint * motion(axis, q)`.
+/// One moving joint: `parent_from_body = parent_from_joint * motion(axis, q)`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
     /// Name in the robot file; also the stem of its CSV column.
@@ -94,7 +94,7 @@ pub struct Visual {
     pub rgba: [f64; 4],
 }
 
-/// Primitive shapes, lengths in m; cylinders and capsules lie along their z axis.
+/// Primitive shapes, lengths in m; cylinders lie along their z axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
     /// Full edge lengths.
@@ -106,6 +106,14 @@ pub enum Shape {
 }
 
 impl Joint {
+    /// Motion of the joint from its zero: a turn (rad) or a slide (m).
+    pub fn motion(&self, q: f64) -> Isometry3<f64> {
+        match self.kind {
+            JointKind::Prismatic => Isometry3::from(nalgebra::Translation3::from(*self.axis * q)),
+            JointKind::Revolute | JointKind::Continuous => Isometry3::rotation(*self.axis * q),
+        }
+    }
+
     /// Row of a wrench `[f; m]` where the part begins that the joint's axis carries: 0 force, 3 moment.
     pub fn load_row(&self) -> usize {
         match self.kind {
@@ -144,6 +152,15 @@ impl Robot {
     /// Index of the link of this name.
     pub fn link(&self, name: &str) -> Option<usize> {
         self.links.iter().position(|link| link.name == name)
+    }
+
+    /// Pose of every body in the base frame at these joint angles (rad or m), nominal and unloaded.
+    pub fn body_poses(&self, joints: &[f64]) -> Vec<Isometry3<f64>> {
+        let mut poses = vec![Isometry3::identity(); self.bodies.len()];
+        for (index, (joint, &q)) in self.joints.iter().zip(joints).enumerate() {
+            poses[index + 1] = poses[joint.parent] * joint.parent_from_joint * joint.motion(q);
+        }
+        poses
     }
 
     /// Indices of the joints that move `body`, from the base outwards; empty for the base.

@@ -1,6 +1,7 @@
 //! Where and how the plant is measured: random poses, loads, approach directions, repeats, order.
 
 use super::Scenario;
+use crate::plant::Load;
 use crate::robot::JointKind;
 use nalgebra::Vector3;
 use rand::seq::SliceRandom;
@@ -31,6 +32,15 @@ pub struct Design {
     pub fixed: Vec<(usize, f64)>,
 }
 
+impl Design {
+    /// Number of readings for so many targets.
+    pub fn readings(&self, targets: usize) -> usize {
+        [self.loads.len(), self.directions, self.repeats, targets]
+            .into_iter()
+            .fold(self.poses, usize::saturating_mul)
+    }
+}
+
 /// A load of a design.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DesignLoad {
@@ -40,6 +50,18 @@ pub struct DesignLoad {
     pub com: Vector3<f64>,
     /// Force at the centre in the base frame, N.
     pub pull: Vector3<f64>,
+}
+
+impl DesignLoad {
+    /// The load on a target of the plant.
+    pub fn on(&self, target: usize) -> Load {
+        Load {
+            target,
+            mass: self.mass,
+            com: self.com,
+            pull: self.pull,
+        }
+    }
 }
 
 /// One reading to be taken.
@@ -65,6 +87,7 @@ pub(super) mod stream {
     pub const ORDER: u128 = 2;
     pub const NOISE: u128 = 3;
     pub const TRUTH: u128 = 4;
+    pub const WORKSPACE: u128 = 5;
 }
 
 /// The generator of one purpose.
@@ -106,23 +129,25 @@ pub fn visits(scenario: &Scenario) -> Vec<Visit> {
 
 /// Random postures within the limits, all target links above the least height.
 fn poses(scenario: &Scenario) -> Vec<Vec<f64>> {
-    /// Draws for a pose before the height is given up.
-    const TRIES: usize = 1000;
     let mut random = generator(scenario.seed, stream::POSES);
     (0..scenario.design.poses)
-        .map(|_| {
-            let mut joints = draw(scenario, &mut random);
-            for _ in 0..TRIES {
-                if heights(scenario, &joints)
-                    .all(|height| height >= scenario.design.least_height)
-                {
-                    break;
-                }
-                joints = draw(scenario, &mut random);
-            }
-            joints
-        })
+        .map(|_| random_posture(scenario, &mut random))
         .collect()
+}
+
+/// One of them.
+pub(super) fn random_posture(scenario: &Scenario, random: &mut impl Rng) -> Vec<f64> {
+    /// Draws before the least height is given up.
+    const TRIES: usize = 1000;
+    let least = scenario.design.least_height;
+    let mut joints = draw(scenario, random);
+    for _ in 0..TRIES {
+        if heights(scenario, &joints).all(|height| height >= least) {
+            break;
+        }
+        joints = draw(scenario, random);
+    }
+    joints
 }
 
 fn draw(scenario: &Scenario, random: &mut impl Rng) -> Vec<f64> {
@@ -149,19 +174,14 @@ fn draw(scenario: &Scenario, random: &mut impl Rng) -> Vec<f64> {
 /// Heights of the target links above the base origin, against gravity, m.
 fn heights(scenario: &Scenario, joints: &[f64]) -> impl Iterator<Item = f64> {
     let setup = &scenario.setup;
-    let mut poses = vec![nalgebra::Isometry3::identity(); setup.robot.bodies.len()];
-    for (j, joint) in setup.robot.joints.iter().enumerate() {
-        let motion = match joint.kind {
-            JointKind::Prismatic => {
-                nalgebra::Isometry3::from(nalgebra::Translation3::from(*joint.axis * joints[j]))
-            }
-            _ => nalgebra::Isometry3::rotation(*joint.axis * joints[j]),
-        };
-        poses[j + 1] = poses[joint.parent] * joint.parent_from_joint * motion;
-    }
-    let up = -setup.gravity.normalize();
+    let poses = setup.robot.body_poses(joints);
+    // without gravity there is no up; the base's z axis serves
+    let up = (-setup.gravity)
+        .try_normalize(0.0)
+        .unwrap_or_else(Vector3::z);
     setup.targets.iter().map(move |target| {
         let link = &setup.robot.links[target.link];
-        (poses[link.body] * link.body_from_link).translation.vector.dot(&up)
+        let pose = poses[link.body] * link.body_from_link;
+        pose.translation.vector.dot(&up)
     })
 }

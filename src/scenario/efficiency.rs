@@ -6,12 +6,13 @@
 //! independent z is `efficiency · √(2/N)`.
 
 use super::{Scenario, ScenarioError, simulate};
-use crate::campaign::Split;
+use crate::campaign::{Campaign, Split};
 use crate::fit::solve::Problem;
 use crate::fit::{CampaignProblem, Options, Status, fit, noise, paper, solve::Spectrum};
 use crate::model::Model;
 use crate::model_file;
 use rayon::prelude::*;
+use serde::Serialize;
 
 /// Sums over campaigns.
 #[derive(Debug, Clone, Default)]
@@ -170,15 +171,7 @@ fn run(scenario: &Scenario) -> Result<(bool, Vec<Outcome>), ScenarioError> {
     let found = fit(&campaign, &model, &options, |_| {}).map_err(|e| form(e.to_string()))?;
     let paper = paper::fit(&campaign).ok();
     let truth = true_values(scenario, &model);
-    let readings: Vec<_> = campaign
-        .readings
-        .iter()
-        .filter(|reading| reading.split == Split::Fit)
-        .collect();
-    let whiteners = noise::whiteners(&model, &truth, &readings, &scenario.noise);
-    let problem = CampaignProblem::new(&model, &readings, &whiteners, &found.free, &truth);
-    let at: Vec<f64> = found.free.iter().map(|&k| truth[k]).collect();
-    let spectrum = Spectrum::of(problem.linearise(&at).factor);
+    let spectrum = information(scenario, &campaign, &model, &found.free);
     let quantile = found.quantile();
     let mut rows = Vec::new();
     for (column, &index) in found.free.iter().enumerate() {
@@ -188,10 +181,7 @@ fn run(scenario: &Scenario) -> Result<(bool, Vec<Outcome>), ScenarioError> {
         if found.status[index] == Status::Unobservable {
             continue;
         }
-        let variance: f64 = (0..spectrum.rank)
-            .map(|i| (spectrum.v[(column, i)] / spectrum.values[i]).powi(2))
-            .sum();
-        let bound = variance.sqrt() * parameter.typical;
+        let bound = spectrum.deviation(column) * parameter.typical;
         let error = found.values[index] - truth[index];
         let by_paper = paper.as_ref().and_then(|paper| {
             let joint = paper.joints.iter().find(|j| j.name == parameter.name)?;
@@ -207,6 +197,61 @@ fn run(scenario: &Scenario) -> Result<(bool, Vec<Outcome>), ScenarioError> {
         });
     }
     Ok((found.converged, rows))
+}
+
+/// Whitened, scaled Jacobian at the truth, with the true noise.
+fn information(
+    scenario: &Scenario,
+    campaign: &Campaign,
+    model: &Model,
+    free: &[usize],
+) -> Spectrum {
+    let truth = true_values(scenario, model);
+    let fitted = campaign.readings.iter();
+    let readings: Vec<_> = fitted.filter(|r| r.split == Split::Fit).collect();
+    let whiteners = noise::whiteners(model, &truth, &readings, &scenario.noise);
+    let problem = CampaignProblem::new(model, &readings, &whiteners, free, &truth);
+    let at: Vec<f64> = free.iter().map(|&k| truth[k]).collect();
+    Spectrum::of(problem.linearise(&at).factor)
+}
+
+/// What a campaign can say at best of one compliance.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Bound {
+    /// Joint.
+    pub name: String,
+    /// Cramér-Rao standard deviation over the true value; none where the readings say nothing.
+    pub relative: Option<f64>,
+}
+
+/// The Cramér-Rao bounds of a scenario's compliances, with its poses, loads and noise, without fitting.
+///
+/// # Errors
+/// If the plant or the model cannot be built.
+pub fn bounds(scenario: &Scenario) -> Result<Vec<Bound>, ScenarioError> {
+    let campaign = simulate::simulate(scenario, || {})?;
+    let model =
+        model_file::model(&campaign, scenario.effects.as_deref(), None).map_err(|error| {
+            ScenarioError::Form {
+                file: scenario.name.clone(),
+                message: error.to_string(),
+            }
+        })?;
+    let truth = true_values(scenario, &model);
+    let parameters: Vec<_> = model.parameters().collect();
+    let free: Vec<usize> = (0..parameters.len())
+        .filter(|&k| parameters[k].1.vary)
+        .collect();
+    let spectrum = information(scenario, &campaign, &model, &free);
+    let columns = free.iter().enumerate();
+    let compliances = columns.filter(|(_, k)| parameters[**k].0 == "joint_compliance");
+    Ok(compliances
+        .map(|(column, &k)| Bound {
+            name: parameters[k].1.name.clone(),
+            relative: (spectrum.lost(column) <= crate::fit::LOST && truth[k] > 0.0)
+                .then(|| spectrum.deviation(column) * parameters[k].1.typical / truth[k]),
+        })
+        .collect())
 }
 
 /// The model's parameters at the truth of the plant; those that the plant does not have at zero.

@@ -39,6 +39,8 @@ pub struct ExpectParameter {
     pub status: Option<String>,
     /// Largest |value - truth| / |truth|.
     pub relative_error: Option<f64>,
+    /// Range of the fit's standard deviation over the truth.
+    pub relative_std: Option<[f64; 2]>,
     /// Largest |value - truth| in the fit's own standard deviations.
     pub sigmas: Option<f64>,
 }
@@ -213,6 +215,15 @@ fn check_parameter(wanted: &ExpectParameter, fit: &Fit, compared: &[Comparison])
         let row = compared
             .iter()
             .find(|row| format!("{}.{}", row.effect, row.name) == name);
+        if let Some([low, high]) = wanted.relative_std {
+            let found = row.and_then(|row| Some(row.std? / row.truth.abs()));
+            checks.push(Check {
+                what: format!("standard deviation over truth of {name}"),
+                found: found.map_or("none".to_owned(), number),
+                accepted: format!("{} to {}", number(low), number(high)),
+                met: found.is_some_and(|found| (low..=high).contains(&found)),
+            });
+        }
         let mut at_most = |what: &str, found: Option<f64>, limit: Option<f64>| {
             if let Some(limit) = limit {
                 checks.push(Check {

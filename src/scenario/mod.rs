@@ -6,6 +6,7 @@ pub mod expect;
 mod presets;
 mod read;
 pub mod simulate;
+pub mod workspace;
 
 use crate::campaign::{Frame, Noise, RobotFile};
 use crate::effects::AnyEffect;
@@ -21,6 +22,8 @@ pub struct Scenario {
     pub name: String,
     /// One line for its reader.
     pub title: String,
+    /// A remark to be printed with the survey of the workspace.
+    pub note: Option<String>,
     /// The scenario file's own text, to be carried along in recordings.
     pub text: String,
     /// Robot, targets, gravity.
@@ -47,6 +50,12 @@ pub struct Scenario {
     pub effects: Option<String>,
     /// Campaigns of the efficiency study, if it is one.
     pub campaigns: Option<usize>,
+    /// Also estimate by the paper's method, to compare?
+    pub compare_paper: bool,
+    /// Survey of the plant's deflection over its workspace, if wanted.
+    pub workspace: Option<workspace::Workspace>,
+    /// Other designs, to say what they could do instead: title and design.
+    pub instead: Vec<(String, Design)>,
     /// What must come out.
     pub expect: Expect,
 }

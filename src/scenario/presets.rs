@@ -4,8 +4,8 @@ use crate::setup::Setup;
 
 /// Sized like the strain-wave gears that such joints carry (a guess from gear sizes 32 down to 14).
 const STRAIN_WAVE: [f64; 8] = [6e4, 3.5e4, 3.5e4, 1.8e4, 1.8e4, 0.8e4, 0.8e4, 0.6e4];
-/// Appl. Sci. 2019, 9, 65, Table 3 (R1), in units of 10^exponent N·m/rad. The printed exponent contradicts
-/// the deflections of its Fig. 4 and 5, so it is a parameter of the preset.
+/// Appl. Sci. 2019, 9, 65, Table 3 (R1), in units of 10^exponent N·m/rad. No power of ten agrees with all the
+/// deflections of its Fig. 4 and 5, so the exponent is a parameter of the preset.
 const TABLE_3: [f64; 8] = [0.06, 0.07, 0.45, 0.05, 0.10, 0.03, 0.21, 9.95];
 /// The same, Table 4 (R2). Its waist differs from Table 3's though it is the same joint.
 const TABLE_4: [f64; 8] = [0.02, 0.10, 0.23, 0.06, 0.20, 0.02, 0.15, 9.50];
@@ -35,9 +35,11 @@ pub fn stiffness(
                 table.map(|value| value * 10f64.powi(exponent))
             }
             ("paper", None) => {
-                return Err("paper needs exponent = 4 (or 3, 5, 6): the printed one is not \
-                            consistent with the paper's own deflections"
-                    .to_owned());
+                return Err(
+                    "paper needs exponent = 4 (or 3, 5, 6): none of them agrees with all of the \
+                            paper's own deflections"
+                        .to_owned(),
+                );
             }
             _ => return Err(format!("no preset is called \"{name}\"; known: {NAMES}")),
         };

@@ -5,6 +5,7 @@
 
 use super::design::{Design, DesignLoad, generator, stream};
 use super::expect::Expect;
+use super::workspace::Workspace;
 use super::{Scenario, ScenarioError, Truth, presets};
 use crate::campaign::{Document, Noise, RobotFile};
 use crate::effects::AnyEffect;
@@ -23,9 +24,10 @@ const MOST_READINGS: usize = 1_000_000;
 /// What a scenario has beside the keys of a campaign file.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Document2 {
+struct OwnKeys {
     #[serde(default)]
     title: String,
+    note: Option<String>,
     seed: u64,
     #[serde(default)]
     truth: Vec<toml::Table>,
@@ -34,6 +36,11 @@ struct Document2 {
     instruments: InstrumentsEntry,
     effects: Option<Vec<String>>,
     campaigns: Option<usize>,
+    #[serde(default)]
+    compare_paper: bool,
+    workspace: Option<Workspace>,
+    #[serde(default)]
+    instead: Vec<InsteadEntry>,
     #[serde(default)]
     expect: Expect,
 }
@@ -80,6 +87,13 @@ struct LoadEntry {
     pull_N: [f64; 3],
 }
 
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct InsteadEntry {
+    title: String,
+    design: DesignEntry,
+}
+
 #[derive(Debug, Deserialize, Default)]
 #[serde(deny_unknown_fields)]
 struct InstrumentsEntry {
@@ -114,14 +128,14 @@ impl Scenario {
             file: file.clone(),
             source,
         })?;
-        let all: toml::Table = toml::from_str(&text)
-            .map_err(|error| form(error.to_string().trim_end().to_owned()))?;
+        let all: toml::Table =
+            toml::from_str(&text).map_err(|error| form(error.to_string().trim_end().to_owned()))?;
         let shared = ["robot", "base", "gravity", "target", "frames", "noise"];
         let (shared, own): (toml::Table, toml::Table) = all
             .into_iter()
             .partition(|(key, _)| shared.contains(&key.as_str()));
         let document = Document::from_table(&file, shared)?;
-        let own: Document2 = own
+        let own: OwnKeys = own
             .try_into()
             .map_err(|error: toml::de::Error| form(error.to_string().trim_end().to_owned()))?;
         let folder = path.parent().unwrap_or(Path::new(""));
@@ -139,15 +153,21 @@ impl Scenario {
         let settings = document.settle(&file, &robot)?;
         let setup = Setup::new(robot, settings.targets, settings.gravity);
         let design = design(&own.design, &setup).map_err(&form)?;
-        let readings = design.poses
-            * design.loads.len()
-            * design.directions
-            * design.repeats
-            * setup.targets.len();
-        if readings > MOST_READINGS {
-            return Err(form(format!(
-                "the design asks for {readings} readings; accepted: at most {MOST_READINGS}"
-            )));
+        let instead = own.instead.iter();
+        let instead = instead
+            .map(|entry| {
+                let design = self::design(&entry.design, &setup);
+                Ok((entry.title.clone(), design?))
+            })
+            .collect::<Result<Vec<_>, String>>()
+            .map_err(&form)?;
+        for design in instead.iter().map(|(_, design)| design).chain([&design]) {
+            let readings = design.readings(setup.targets.len());
+            if readings > MOST_READINGS {
+                return Err(form(format!(
+                    "the design asks for {readings} readings; accepted: at most {MOST_READINGS}"
+                )));
+            }
         }
         let truth = truths(&file, own.truth, &setup, own.seed)?;
         Ok(Self {
@@ -155,6 +175,7 @@ impl Scenario {
                 .file_stem()
                 .map_or_else(|| file.clone(), |stem| stem.to_string_lossy().into_owned()),
             title: own.title,
+            note: own.note,
             text,
             robot_file: RobotFile {
                 name: robot_path
@@ -173,6 +194,9 @@ impl Scenario {
             design,
             effects: own.effects.map(|names| names.join(",")),
             campaigns: own.campaigns,
+            compare_paper: own.compare_paper,
+            workspace: own.workspace,
+            instead,
             expect: own.expect,
             setup,
         })
@@ -313,8 +337,10 @@ fn truths(
                     ))
                 })?,
         };
-        if matches!(table.get("hold"), Some(_)) {
-            return Err(form(format!("{place}: a truth is not held; leave hold out")));
+        if table.contains_key("hold") {
+            return Err(form(format!(
+                "{place}: a truth is not held; leave hold out"
+            )));
         }
         let choice = Choice::parse(file, &place, table)?;
         let mut parameters = choice.effect.parameters(setup);
@@ -325,8 +351,8 @@ fn truths(
                     choice.effect.id()
                 )));
             }
-            let stiffness =
-                presets::stiffness(name, exponent, setup).map_err(|e| form(format!("{place}: {e}")))?;
+            let stiffness = presets::stiffness(name, exponent, setup)
+                .map_err(|e| form(format!("{place}: {e}")))?;
             for (joint, stiffness) in stiffness {
                 let name = &setup.robot.joints[joint].name;
                 if let Some(parameter) = parameters.iter_mut().find(|p| p.name == *name) {
@@ -334,13 +360,19 @@ fn truths(
                 }
             }
         } else if exponent.is_some() {
-            return Err(form(format!("{place}: exponent goes with preset = \"paper\"")));
+            return Err(form(format!(
+                "{place}: exponent goes with preset = \"paper\""
+            )));
         }
         choice.apply(file, &mut parameters)?;
         for parameter in &mut parameters {
             // drawn for every parameter, so that a value given for one does not move the others
             let draw: f64 = random.sample(StandardNormal);
-            if !choice.values.iter().any(|(name, _)| *name == parameter.name) {
+            if !choice
+                .values
+                .iter()
+                .any(|(name, _)| *name == parameter.name)
+            {
                 parameter.value += spread * parameter.typical * draw;
             }
         }

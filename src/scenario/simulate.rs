@@ -6,7 +6,7 @@ use super::design::{Visit, generator, stream, visits};
 use super::{Scenario, ScenarioError, Truth};
 use crate::campaign::{Campaign, Payload, Reading, Split};
 use crate::plant::instruments::{Draws, read};
-use crate::plant::{Command, Load, Plant, PlantError, PlantSpec};
+use crate::plant::{Command, Plant, PlantError, PlantSpec};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -116,17 +116,15 @@ fn take(
             .map(|(q, draw)| q + draw * scenario.noise.joint)
             .collect(),
         approach: vec![visit.direction; visit.joints.len()],
-        loads: vec![Load {
-            target: visit.target,
-            mass: load.mass,
-            com: load.com,
-            pull: load.pull,
-        }],
+        loads: vec![load.on(visit.target)],
     };
     let state = plant.state(&command)?;
     let seen = read(spec, &state, visit.target, &scenario.noise, draws);
     let design = &scenario.design;
-    let pulled = design.loads.iter().any(|load| load.pull != Vector3::zeros());
+    let pulled = design
+        .loads
+        .iter()
+        .any(|load| load.pull != Vector3::zeros());
     Ok(Reading {
         // the header of the table is line 1
         line: index + 2,
@@ -161,7 +159,10 @@ pub fn truth_text(scenario: &Scenario) -> String {
         scenario.name, scenario.seed
     );
     for Truth { effect, values } in &scenario.truth {
-        text += &format!("\n[[effect]]\nkind = \"{}\"\n[effect.values]\n", effect.id());
+        text += &format!(
+            "\n[[effect]]\nkind = \"{}\"\n[effect.values]\n",
+            effect.id()
+        );
         for (name, value) in values {
             text += &format!("{} = {value:?}\n", toml::Value::from(name.as_str()));
         }

@@ -1,0 +1,39 @@
+# make run    installs what a fresh machine lacks, builds, and runs the main job
+# make test   the same, then passes every test, lint and scenario
+# Each step below can be run by its own name; CI runs `make test`.
+
+MISFIT    = target/release/misfit
+SCENARIOS = springs noise_free paper efficiency
+
+.PHONY: run test setup build format lint unit scenarios doc bench
+
+run: build
+	$(MISFIT) run scenarios/springs.toml
+
+test: setup format lint unit doc scenarios
+	@echo "all tests, lints and scenarios passed"
+
+# MuJoCo from Debian, or another copy through MUJOCO_DIR.
+setup:
+	@sh .ci/setup
+
+build: setup
+	cargo build --release --locked
+
+format:
+	cargo fmt --check
+
+lint: setup
+	cargo clippy --locked --all-targets -- --deny warnings
+
+unit: setup
+	cargo test --locked
+
+doc: setup
+	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps
+
+scenarios: build
+	@set -e; for name in $(SCENARIOS); do $(MISFIT) run scenarios/$$name.toml; echo; done
+
+bench: setup
+	cargo bench --locked
