@@ -52,10 +52,42 @@ pub fn six_axis() -> Setup {
 pub fn sliding() -> Setup {
     let joints = [
         ("turn", "revolute", "0 0 0.4", "0.1 0 0", "0 0 1", 2.5, 4.0),
-        ("lift", "revolute", "0.1 0 0.2", "0 0.3 0", "0 1 0", 1.2, 3.0),
-        ("slide", "prismatic", "0.2 0 0.1", "0.2 -0.4 0", "1 0 0", 0.3, 2.0),
-        ("wrist", "revolute", "0.3 0.05 0", "0 0 0.5", "0 1 0", 2.0, 1.0),
-        ("roll", "continuous", "0.1 0 0.02", "0 0 0", "1 0 0", 3.0, 0.5),
+        (
+            "lift",
+            "revolute",
+            "0.1 0 0.2",
+            "0 0.3 0",
+            "0 1 0",
+            1.2,
+            3.0,
+        ),
+        (
+            "slide",
+            "prismatic",
+            "0.2 0 0.1",
+            "0.2 -0.4 0",
+            "1 0 0",
+            0.3,
+            2.0,
+        ),
+        (
+            "wrist",
+            "revolute",
+            "0.3 0.05 0",
+            "0 0 0.5",
+            "0 1 0",
+            2.0,
+            1.0,
+        ),
+        (
+            "roll",
+            "continuous",
+            "0.1 0 0.02",
+            "0 0 0",
+            "1 0 0",
+            3.0,
+            0.5,
+        ),
     ];
     let mut urdf = "<robot name='sliding'><link name='base'/>".to_owned();
     let mut parent = "base".to_owned();
@@ -90,7 +122,10 @@ pub fn vector(random: &mut impl Rng) -> Vector3<f64> {
 
 /// A rigid motion up to 3 m along each axis, turned anyhow.
 pub fn motion(random: &mut impl Rng) -> Isometry3<f64> {
-    Isometry3::new(vector(random) * 3.0, vector(random).normalize() * random.random_range(0.0..PI))
+    Isometry3::new(
+        vector(random) * 3.0,
+        vector(random).normalize() * random.random_range(0.0..PI),
+    )
 }
 
 /// Poses of all bodies in the base frame: nalgebra's isometries, one after the other.
@@ -176,7 +211,11 @@ pub fn springs(setup: &Setup, stiffness: &[f64]) -> Part {
             compliance[joint] = 1.0 / k;
         }
     }
-    let values = setup.observed.iter().map(|&joint| compliance[joint]).collect();
+    let values = setup
+        .observed
+        .iter()
+        .map(|&joint| compliance[joint])
+        .collect();
     Part { effect, values }
 }
 
@@ -238,12 +277,21 @@ impl Twins {
         });
         let command = Command {
             joints: reading.joints.clone(),
-            approach: reading.approach.clone().unwrap_or_else(|| vec![0.0; joints]),
+            approach: reading
+                .approach
+                .clone()
+                .unwrap_or_else(|| vec![0.0; joints]),
             loads: load.into_iter().collect(),
         };
         let state = self.plant.state(&command).unwrap();
         let draws = Draws::new(joints, &mut random(0));
-        let seen = read(&self.spec, &state, reading.target, &Noise::default(), &draws);
+        let seen = read(
+            &self.spec,
+            &state,
+            reading.target,
+            &Noise::default(),
+            &draws,
+        );
         (seen, state)
     }
 

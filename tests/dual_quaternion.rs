@@ -253,7 +253,11 @@ fn virtual_work_needs_the_right_eight_forces() {
         statics.place(&setup, &joints, &still);
         let six_rows = SMatrix::<f64, 6, 8>::from_fn(|row, k| {
             let screw = statics.screw(&setup, chain[k], &still);
-            if row < 3 { screw.at(&pose.translation())[row] } else { screw.angular[row - 3] }
+            if row < 3 {
+                screw.at(&pose.translation())[row]
+            } else {
+                screw.angular[row - 3]
+            }
         });
         assert!((eight_rows - pose.rate_from_twist() * six_rows).amax() < ROUNDING);
 

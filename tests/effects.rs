@@ -12,11 +12,20 @@ use rand::{Rng, RngExt};
 use std::sync::Arc;
 
 /// Effects that the others are tried beside.
-const BASE: [&str; 4] = ["tracker_frame", "target_offset", "geometry", "joint_compliance"];
+const BASE: [&str; 4] = [
+    "tracker_frame",
+    "target_offset",
+    "geometry",
+    "joint_compliance",
+];
 const FRAMES: [&str; 2] = ["tracker_frame", "target_offset"];
 
 fn robots() -> [(&'static str, Setup); 3] {
-    [("sda5f", sda5f()), ("six_axis", six_axis()), ("sliding", sliding())]
+    [
+        ("sda5f", sda5f()),
+        ("six_axis", six_axis()),
+        ("sliding", sliding()),
+    ]
 }
 
 /// Calls a check for every effect on every robot.
@@ -33,7 +42,11 @@ fn full_reading(setup: &Setup, target: usize, random: &mut impl Rng) -> Reading 
     let directions = setup.robot.joints.iter();
     Reading {
         payload: Some(payload(5.0)),
-        approach: Some(directions.map(|_| if random.random() { 1.0 } else { -1.0 }).collect()),
+        approach: Some(
+            directions
+                .map(|_| if random.random() { 1.0 } else { -1.0 })
+                .collect(),
+        ),
         temperature: Some(31.0),
         time: Some(random.random_range(0.0..5000.0)),
         ..reading(target, posture(&setup.robot, random))
@@ -44,13 +57,24 @@ fn full_reading(setup: &Setup, target: usize, random: &mut impl Rng) -> Reading 
 fn base(setup: &Setup, without: &str, random: &mut impl Rng) -> Vec<Part> {
     let others = BASE.into_iter().filter(|id| *id != without);
     others
-        .map(|id| about_typical(setup, id, if id == "joint_compliance" { 0.1 } else { 1.0 }, random))
+        .map(|id| {
+            about_typical(
+                setup,
+                id,
+                if id == "joint_compliance" { 0.1 } else { 1.0 },
+                random,
+            )
+        })
         .collect()
 }
 
 /// In the order of the catalogue, as every model has it.
 fn sorted(mut parts: Vec<Part>) -> Vec<Part> {
-    parts.sort_by_key(|part| CATALOGUE.iter().position(|entry| entry.id == part.effect.id()));
+    parts.sort_by_key(|part| {
+        CATALOGUE
+            .iter()
+            .position(|entry| entry.id == part.effect.id())
+    });
     parts
 }
 
@@ -99,7 +123,10 @@ fn held_is_applied() {
         hold(&mut held.model, entry.id, &parts);
         let off = parts.iter().map(|part| match part.effect.id() == entry.id {
             true => neutral(setup, entry.id),
-            false => Part { effect: part.effect.clone(), values: part.values.clone() },
+            false => Part {
+                effect: part.effect.clone(),
+                values: part.values.clone(),
+            },
         });
         let mut off = Twins::new(setup, &off.collect::<Vec<_>>());
         let mut moved = 0.0f64;
@@ -118,7 +145,11 @@ fn held_is_applied() {
 /// Holds an effect's parameters at their values.
 fn hold(model: &mut Model, id: &str, parts: &[Part]) {
     let part = parts.iter().find(|part| part.effect.id() == id).unwrap();
-    let term = model.terms.iter_mut().find(|term| term.effect.id() == id).unwrap();
+    let term = model
+        .terms
+        .iter_mut()
+        .find(|term| term.effect.id() == id)
+        .unwrap();
     for (parameter, value) in term.parameters.iter_mut().zip(&part.values) {
         parameter.value = *value;
         parameter.vary = false;
@@ -148,20 +179,28 @@ fn derivatives_are_those_of_the_prediction() {
             }
             let wanted = vec![true; p.len()];
             workspace.sensitivity(model, p, &wanted, &reading, &mut jacobian);
-            for k in 0..p.len() {
-                let analytic = jacobian.column(k) * typical[k];
+            for (k, &typical) in typical.iter().enumerate() {
+                let analytic = jacobian.column(k) * typical;
                 // fourth-order differences; frames have sizes of metres and radians, and a smaller step
-                let step = (1e-2 * typical[k]).min(1e-3);
-                let found = differences(&mut workspace, model, p, &reading, k, step) * typical[k];
+                let step = (1e-2 * typical).min(1e-3);
+                let found = differences(&mut workspace, model, p, &reading, k, step) * typical;
                 // Rounding of 1e-15 m over 1e-2 typical sizes, grown by levers and the soft arm's own answer.
                 let off = (analytic - found).amax();
                 let limit = 1e-11 + 1e-9 * found.amax();
                 let name = &model.parameters().nth(k).unwrap().1.name;
-                assert!(off < limit, "{what}, {name}: {off:e} beside {:e}", found.amax());
+                assert!(
+                    off < limit,
+                    "{what}, {name}: {off:e} beside {:e}",
+                    found.amax()
+                );
             }
             let none = vec![false; p.len()];
             workspace.sensitivity(model, p, &none, &reading, &mut jacobian);
-            assert_eq!(jacobian.amax(), 0.0, "{what}: columns not asked for are zero");
+            assert_eq!(
+                jacobian.amax(),
+                0.0,
+                "{what}: columns not asked for are zero"
+            );
         }
     });
 }
@@ -223,7 +262,10 @@ fn design(setup: &Setup, random: &mut impl Rng) -> Vec<Reading> {
             for mass in [0.0, 5.0] {
                 readings.push(Reading {
                     pose: Some(format!("{pose}")),
-                    payload: Some(Payload { mass, ..payload(mass) }),
+                    payload: Some(Payload {
+                        mass,
+                        ..payload(mass)
+                    }),
                     ..reading.clone()
                 });
             }
@@ -243,14 +285,23 @@ fn run(campaign: &Campaign, model: &Model) -> Fit {
         cross_validate: false,
     };
     let found = fit(campaign, model, &options, |_| {}).unwrap();
-    assert!(found.converged, "not converged in {} steps", found.iterations);
+    assert!(
+        found.converged,
+        "not converged in {} steps",
+        found.iterations
+    );
     found
 }
 
 /// A campaign without noise, with the effect in the plant; the tracker's stated noise says how well it is meant.
 fn campaign_with(setup: &Setup, id: &str, random: &mut impl Rng) -> (Campaign, Vec<Part>) {
-    let ids = FRAMES.iter().copied().chain((!FRAMES.contains(&id)).then_some(id));
-    let parts: Vec<Part> = ids.map(|id| about_typical(setup, id, 1.0, random)).collect();
+    let ids = FRAMES
+        .iter()
+        .copied()
+        .chain((!FRAMES.contains(&id)).then_some(id));
+    let parts: Vec<Part> = ids
+        .map(|id| about_typical(setup, id, 1.0, random))
+        .collect();
     let parts = sorted(parts);
     let readings = design(setup, random);
     let mut campaign = Twins::new(setup, &parts).campaign(readings);
@@ -282,13 +333,21 @@ fn the_fit_finds_what_the_plant_has() {
                 // curved: a typical milliradian along them takes microradians of the others along.
                 let limit = 3.0 * std + 5e-3 * parameter.typical.min(1e-3);
                 let off = (found.values[index] - truth).abs();
-                assert!(off < limit, "{what}, {}: off by {off:e}, std {std:e}", parameter.name);
+                assert!(
+                    off < limit,
+                    "{what}, {}: off by {off:e}, std {std:e}",
+                    parameter.name
+                );
             }
         }
         assert!(estimated > 0, "{what}: nothing is estimated");
 
         // what is not fixed by these readings at all does no harm: they are met to the noise stated
-        assert!(found.fit.position_rms_m < 1e-6, "{what}: {:e} m", found.fit.position_rms_m);
+        assert!(
+            found.fit.position_rms_m < 1e-6,
+            "{what}: {:e} m",
+            found.fit.position_rms_m
+        );
         let without = without(setup, &campaign, entry.id);
         assert!(
             found.fit.whitened_rms < 0.1 * without.fit.whitened_rms,
@@ -319,14 +378,21 @@ fn the_fit_leaves_what_is_held() {
         let mut model = Model::new(setup.clone(), &effects);
         hold(&mut model, entry.id, &parts);
         let found = run(&campaign, &model);
-        let part = parts.iter().find(|part| part.effect.id() == entry.id).unwrap();
+        let part = parts
+            .iter()
+            .find(|part| part.effect.id() == entry.id)
+            .unwrap();
         let first = found.model.term(entry.id).unwrap().first;
         for (k, truth) in part.values.iter().enumerate() {
             assert_eq!(found.values[first + k], *truth, "{what}");
             assert_eq!(found.status[first + k], Status::Held, "{what}");
         }
         // and applies it: with the truth held, nothing is left to the frames but themselves
-        assert!(found.fit.position_rms_m < 1e-6, "{what}: {:e} m", found.fit.position_rms_m);
+        assert!(
+            found.fit.position_rms_m < 1e-6,
+            "{what}: {:e} m",
+            found.fit.position_rms_m
+        );
     });
 }
 
@@ -356,14 +422,30 @@ fn pages_are_complete() {
         let source = source.unwrap_or_else(|error| panic!("{}: {error}", path.display()));
         let page = entry.page();
         let first = page.lines().next().unwrap();
-        assert!(source.starts_with(&format!("//! {first}\n")), "{}: another file's page", entry.id);
-        assert!(entry.summary().ends_with('.'), "{}: {:?} is no sentence", entry.id, entry.summary());
-        let headings: Vec<&str> = page.lines().filter_map(|line| line.strip_prefix("## ")).collect();
+        assert!(
+            source.starts_with(&format!("//! {first}\n")),
+            "{}: another file's page",
+            entry.id
+        );
+        assert!(
+            entry.summary().ends_with('.'),
+            "{}: {:?} is no sentence",
+            entry.id,
+            entry.summary()
+        );
+        let headings: Vec<&str> = page
+            .lines()
+            .filter_map(|line| line.strip_prefix("## "))
+            .collect();
         let wanted = ["Law", "Signature", "Confused with", "Plant", "Sources"];
         assert_eq!(headings, wanted, "{}", entry.id);
         for section in page.split("\n## ").skip(1) {
             let (heading, text) = section.split_once('\n').unwrap();
-            assert!(text.trim().len() > 20, "{}: nothing under {heading}", entry.id);
+            assert!(
+                text.trim().len() > 20,
+                "{}: nothing under {heading}",
+                entry.id
+            );
         }
         assert_eq!(effect(entry.id).id(), entry.id);
         assert_eq!(effect(entry.id).stage(), entry.stage);

@@ -69,7 +69,11 @@ mod scenarios {
         let checks = check_fit(&scenario.expect, &found, &compare(&scenario, &found));
         assert!(checks.len() > 15, "{name} expects {} things", checks.len());
         for check in checks {
-            assert!(check.met, "{}: found {}, accepted {}", check.what, check.found, check.accepted);
+            assert!(
+                check.met,
+                "{}: found {}, accepted {}",
+                check.what, check.found, check.accepted
+            );
         }
     }
 
@@ -143,7 +147,11 @@ mod does_not_matter {
         let other = fitted(&shuffled, None);
         for ((k, a, _), (_, b, _)) in springs(fit).iter().zip(&springs(&other)) {
             // sums in another order, and one Newton step from the same basin
-            assert!((a / b - 1.0).abs() < 1e-9, "parameter {k}: {:e}", a / b - 1.0);
+            assert!(
+                (a / b - 1.0).abs() < 1e-9,
+                "parameter {k}: {:e}",
+                a / b - 1.0
+            );
         }
     }
 
@@ -152,7 +160,10 @@ mod does_not_matter {
         let (scenario, campaign, fit) = &*ONE_ARM;
         let bits = |values: &[f64]| -> Vec<u64> { values.iter().map(|x| x.to_bits()).collect() };
         for threads in [1, 2, 8] {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
             let (again, other) = pool.install(|| {
                 let again = simulate(scenario, || {}).unwrap();
                 let fit = fitted(&again, None);
@@ -218,7 +229,10 @@ mod frames {
 
     fn targets(count: usize) -> Vec<Isometry3<f64>> {
         let half_turn = Isometry3::new(Vector3::new(0.1, 0.02, -0.05), Vector3::x() * PI);
-        let ordinary = Isometry3::new(Vector3::new(-0.03, 0.08, 0.12), Vector3::new(0.4, 1.0, -2.0));
+        let ordinary = Isometry3::new(
+            Vector3::new(-0.03, 0.08, 0.12),
+            Vector3::new(0.4, 1.0, -2.0),
+        );
         [half_turn, ordinary][..count].to_vec()
     }
 
@@ -310,16 +324,35 @@ mod cannot_be_seen {
             let mut few = whole.clone();
             few.readings.truncate(count);
             let found = fitted(&few, None);
-            assert!(found.values.iter().all(|x| x.is_finite()), "{count} readings");
+            assert!(
+                found.values.iter().all(|x| x.is_finite()),
+                "{count} readings"
+            );
             assert!(found.fit.position_rms_m.is_finite());
             // six numbers a reading at most
-            assert!(found.rank <= 6 * count, "rank {} of {count} readings", found.rank);
-            let estimated = found.status.iter().filter(|s| **s == Status::Estimated).count();
+            assert!(
+                found.rank <= 6 * count,
+                "rank {} of {count} readings",
+                found.rank
+            );
+            let estimated = found
+                .status
+                .iter()
+                .filter(|s| **s == Status::Estimated)
+                .count();
             assert!(estimated <= 6 * count, "{estimated} of {count} readings");
             assert!(!found.unobservable.is_empty());
             if count <= 3 {
-                let lost = found.status.iter().filter(|s| **s == Status::Unobservable).count();
-                assert!(2 * lost > found.free.len(), "{lost} of {}", found.free.len());
+                let lost = found
+                    .status
+                    .iter()
+                    .filter(|s| **s == Status::Unobservable)
+                    .count();
+                assert!(
+                    2 * lost > found.free.len(),
+                    "{lost} of {}",
+                    found.free.len()
+                );
             }
         }
     }
@@ -336,13 +369,21 @@ mod cannot_be_seen {
                 pull: Vector3::zeros(),
             };
             let found = fitted(&simulate(&scenario, || {}).unwrap(), None);
-            assert_eq!(status(&found, "joint_compliance", "torso"), Status::Unobservable);
+            assert_eq!(
+                status(&found, "joint_compliance", "torso"),
+                Status::Unobservable
+            );
             // and so it stays where it started, at rigid; a typical value is 1e-4 rad/(N·m)
             let compliance = value(&found, "joint_compliance", "torso");
             assert!(compliance.abs() < 1e-15, "{compliance:e}");
             let why = found.unobservable.iter();
-            let why = why.filter(|u| u.what == "joint_compliance.torso").collect::<Vec<_>>();
-            assert!(why.len() == 1 && why[0].why.contains("no reading loads"), "{why:?}");
+            let why = why
+                .filter(|u| u.what == "joint_compliance.torso")
+                .collect::<Vec<_>>();
+            assert!(
+                why.len() == 1 && why[0].why.contains("no reading loads"),
+                "{why:?}"
+            );
         }
     }
 
@@ -352,9 +393,15 @@ mod cannot_be_seen {
         let mut scenario = scenario("efficiency");
         let last = scenario.setup.robot.joint("r1_t").unwrap();
         let body = &scenario.setup.robot.bodies[last + 1];
-        assert_eq!((body.com.x, body.com.y), (0.0, 0.0), "the link itself is off the axis");
+        assert_eq!(
+            (body.com.x, body.com.y),
+            (0.0, 0.0),
+            "the link itself is off the axis"
+        );
         // geometry errors would move it off the axis
-        scenario.truth.retain(|truth| truth.effect.id() != "geometry");
+        scenario
+            .truth
+            .retain(|truth| truth.effect.id() != "geometry");
         scenario.effects = Some("joint_compliance".to_owned());
         scenario.design.poses = 15;
         for (com, expected) in [
@@ -364,8 +411,37 @@ mod cannot_be_seen {
             scenario.design.loads[1].com = Vector3::from(com);
             let campaign = simulate(&scenario, || {}).unwrap();
             let found = fitted(&campaign, scenario.effects.as_deref());
-            assert_eq!(status(&found, "joint_compliance", "r1_t"), expected, "{com:?}");
-            assert_eq!(status(&found, "joint_compliance", "r1_b"), Status::Estimated);
+            assert_eq!(
+                status(&found, "joint_compliance", "r1_t"),
+                expected,
+                "{com:?}"
+            );
+            assert_eq!(
+                status(&found, "joint_compliance", "r1_b"),
+                Status::Estimated
+            );
+        }
+    }
+
+    /// Geometry left out of the model, and all of it in the readings: wrong by 70 standard deviations, springs at
+    /// their bounds, offsets pulled far along directions that hardly count. The fit still has an end.
+    #[test]
+    fn the_truth_by_a_model_that_leaves_out_most_of_it() {
+        let mut scenario = scenario("springs");
+        scenario.design.poses = 10;
+        scenario.design.repeats = 1;
+        scenario.design.directions = 1;
+        for seed in 0..3 {
+            scenario.seed = seed;
+            let campaign = simulate(&scenario, || {}).unwrap();
+            let found = fitted(&campaign, Some("joint_offset,joint_compliance"));
+            assert!(found.fit.whitened_rms > 10.0, "{}", found.fit.whitened_rms);
+            // eight are taken; a fit that creeps takes them all, fifty
+            assert!(
+                found.converged && found.iterations < 20,
+                "{}",
+                found.iterations
+            );
         }
     }
 
@@ -405,7 +481,11 @@ mod ur10 {
 
     fn heldout(effects: &str) -> (f64, Fit) {
         let path = file(DATA);
-        assert!(path.exists(), "{}: the UR10 data are not there", path.display());
+        assert!(
+            path.exists(),
+            "{}: the UR10 data are not there",
+            path.display()
+        );
         let campaign = Campaign::load(&path).unwrap();
         let found = fitted(&campaign, Some(effects));
         assert!(found.converged);
@@ -415,7 +495,9 @@ mod ur10 {
 
     fn heldout_count(campaign: &Campaign) -> usize {
         let readings = campaign.readings.iter();
-        readings.filter(|reading| reading.split == Split::Heldout).count()
+        readings
+            .filter(|reading| reading.split == Split::Heldout)
+            .count()
     }
 
     /// Each richer model predicts readings better that it has not seen; the figures are those of this data set.

@@ -50,7 +50,10 @@ fn urdf(robot: &Robot) -> (Data, Vec<usize>) {
 #[track_caller]
 fn assert_same(a: &nalgebra::Isometry3<f64>, b: &nalgebra::Isometry3<f64>, what: &str) {
     let (position, angle) = apart(a, b);
-    assert!(position < ROUNDING && angle < ROUNDING, "{what}: {position:e} m, {angle:e} rad");
+    assert!(
+        position < ROUNDING && angle < ROUNDING,
+        "{what}: {position:e} m, {angle:e} rad"
+    );
 }
 
 #[test]
