@@ -3,6 +3,12 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod campaign;
+mod common;
+mod dual_quaternion;
+mod effects;
+mod equilibrium;
+mod fit;
+mod kinematics;
 mod plant;
 mod recording;
 mod robot;
