@@ -60,6 +60,37 @@ impl Model {
         Self { setup, terms }
     }
 
+    /// The same model with one effect more, its parameters free and at zero.
+    pub fn with(&self, effect: &Arc<dyn AnyEffect>) -> Self {
+        let mut terms = self.terms.clone();
+        let first = terms.last().map_or(0, |t| t.first + t.parameters.len());
+        terms.push(Term {
+            effect: effect.clone(),
+            parameters: effect.parameters(&self.setup),
+            first,
+        });
+        Self {
+            setup: self.setup.clone(),
+            terms,
+        }
+    }
+
+    /// The same model without one of its effects.
+    pub fn without(&self, id: &str) -> Self {
+        let mut terms = Vec::new();
+        let mut first = 0;
+        for term in self.terms.iter().filter(|term| term.effect.id() != id) {
+            let mut term = term.clone();
+            term.first = first;
+            first += term.parameters.len();
+            terms.push(term);
+        }
+        Self {
+            setup: self.setup.clone(),
+            terms,
+        }
+    }
+
     /// Holds the frames that a campaign knows at their poses.
     pub fn hold_known_frames(&mut self, campaign: &Campaign) {
         for term in &mut self.terms {

@@ -1,5 +1,6 @@
 //! The command line: one file a command.
 
+mod diagnose;
 mod effects;
 mod fit;
 mod progress;
@@ -27,6 +28,7 @@ missed or the fit did not converge.";
 enum Command {
     Simulate(simulate::Arguments),
     Fit(fit::Arguments),
+    Diagnose(diagnose::Arguments),
     Run(run::Arguments),
     Effects(effects::Arguments),
 }
@@ -46,6 +48,7 @@ pub fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
+        Command::Diagnose(arguments) => diagnose::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
     };

@@ -96,6 +96,8 @@ pub struct NoiseUsed {
     pub position_sigma: f64,
     /// The same of an angle, rad; none without orientations.
     pub orientation_sigma: Option<f64>,
+    /// What the whitening assumes.
+    pub shape: Noise,
     /// Variance found over variance assumed in the whitening.
     pub factor: f64,
     /// Degrees of freedom of the factor; none if it is not an estimate.
@@ -333,6 +335,7 @@ fn estimate(
     };
     let used = NoiseUsed {
         source,
+        shape,
         position_sigma: (mean(|w| w.position_variance) * pure_factor).sqrt(),
         orientation_sigma: with_orientation
             .then(|| (mean(|w| w.orientation_variance) * pure_factor).sqrt()),
@@ -460,7 +463,31 @@ impl<'a> CampaignProblem<'a> {
         full
     }
 
-    /// One block of `[J | r]`, whitened and scaled, reduced to a triangle.
+    /// All rows of `[J | r]`, whitened and scaled, in blocks of readings in their order.
+    pub fn blocks(&self, p: &[f64]) -> Vec<DMatrix<f64>> {
+        self.map_blocks(p, |block| block)
+    }
+
+    fn map_blocks(
+        &self,
+        p: &[f64],
+        then: impl Fn(DMatrix<f64>) -> DMatrix<f64> + Sync,
+    ) -> Vec<DMatrix<f64>> {
+        let full = self.full(p);
+        let parameters = full.len();
+        self.readings
+            .par_chunks(BLOCK)
+            .zip(self.whiteners.par_chunks(BLOCK))
+            .map_init(
+                || (Workspace::new(&self.model.setup), Rows::zeros(parameters)),
+                |(workspace, jacobian), (readings, whiteners)| {
+                    then(self.block(&full, readings, whiteners, workspace, jacobian))
+                },
+            )
+            .collect()
+    }
+
+    /// One block of `[J | r]`, whitened and scaled.
     fn block(
         &self,
         full: &[f64],
@@ -492,25 +519,13 @@ impl<'a> CampaignProblem<'a> {
             whitener.apply(&residual, &mut |i, value| block[(row + i, n)] = value);
             row += whitener.rows;
         }
-        solve::triangle(block)
+        block
     }
 }
 
 impl Problem for CampaignProblem<'_> {
     fn linearise(&self, p: &[f64]) -> Linear {
-        let full = self.full(p);
-        let parameters = full.len();
-        let blocks: Vec<DMatrix<f64>> = self
-            .readings
-            .par_chunks(BLOCK)
-            .zip(self.whiteners.par_chunks(BLOCK))
-            .map_init(
-                || (Workspace::new(&self.model.setup), Rows::zeros(parameters)),
-                |(workspace, jacobian), (readings, whiteners)| {
-                    self.block(&full, readings, whiteners, workspace, jacobian)
-                },
-            )
-            .collect();
+        let blocks = self.map_blocks(p, solve::triangle);
         solve::reduce(blocks, self.free.len())
     }
 

@@ -60,7 +60,7 @@ fn title(campaign: &Campaign, fit: &Fit) -> String {
     )
 }
 
-fn model_line(fit: &Fit) -> String {
+pub(super) fn model_line(fit: &Fit) -> String {
     let ids: Vec<&str> = fit.model.terms.iter().map(|t| t.effect.id()).collect();
     wrap(
         &format!(
@@ -73,7 +73,7 @@ fn model_line(fit: &Fit) -> String {
     )
 }
 
-fn noise_line(campaign: &Campaign, fit: &Fit) -> String {
+pub(super) fn noise_line(campaign: &Campaign, fit: &Fit) -> String {
     let noise = &fit.noise;
     let mut line = format!("noise    {}", length(noise.position_sigma));
     if let Some(sigma) = noise.orientation_sigma {

@@ -13,7 +13,7 @@ pub struct FitDocument {
     heldout: Option<Errors>,
     heldout_by: Option<HeldoutBy>,
     frames_only: Option<Baseline>,
-    noise: Noise,
+    noise: NoiseDocument,
     parameters: Vec<ParameterRow>,
     unobservable: Vec<Unobservable>,
     rank: usize,
@@ -34,8 +34,9 @@ struct Baseline {
     heldout: Option<Errors>,
 }
 
+/// What the noise was taken to be.
 #[derive(Debug, Serialize)]
-struct Noise {
+pub struct NoiseDocument {
     source: crate::fit::noise::Source,
     position_sigma_m: f64,
     orientation_sigma_rad: Option<f64>,
@@ -68,11 +69,7 @@ pub fn fit(fit: &Fit, baseline: Option<&Fit>) -> FitDocument {
             fit: b.fit,
             heldout: b.heldout,
         }),
-        noise: Noise {
-            source: fit.noise.source,
-            position_sigma_m: fit.noise.position_sigma,
-            orientation_sigma_rad: fit.noise.orientation_sigma,
-        },
+        noise: NoiseDocument::of(fit),
         parameters: fit
             .model
             .parameters()
@@ -97,5 +94,16 @@ impl FitDocument {
     /// Did the fit converge?
     pub fn converged(&self) -> bool {
         self.converged
+    }
+}
+
+impl NoiseDocument {
+    /// Of a fit.
+    pub fn of(fit: &Fit) -> Self {
+        Self {
+            source: fit.noise.source,
+            position_sigma_m: fit.noise.position_sigma,
+            orientation_sigma_rad: fit.noise.orientation_sigma,
+        }
     }
 }

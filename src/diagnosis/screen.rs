@@ -1,0 +1,35 @@
+//! Readings that do not belong: single ones far from the others of their pose.
+//!
+//! Two in a hundred of them at ten sigma would make 93 % false alarms.
+
+use crate::campaign::Reading;
+use crate::fit::pose_key;
+use std::collections::BTreeMap;
+
+/// Rejected from this mean square of whitened rows on ...
+const FAR: f64 = 12.0;
+/// ... if it is as many times that of the middle reading of its pose.
+const ALONE: f64 = 6.0;
+
+/// Indices of outliers. `squares` is the mean square of each reading's whitened residual rows.
+pub fn outliers(readings: &[&Reading], squares: &[f64]) -> Vec<usize> {
+    let mut groups: BTreeMap<_, Vec<usize>> = BTreeMap::new();
+    for (index, reading) in readings.iter().enumerate() {
+        let key = (reading.target, pose_key(reading));
+        groups.entry(key).or_default().push(index);
+    }
+    let mut found = Vec::new();
+    for group in groups.into_values() {
+        // of two that disagree nothing says which is wrong
+        if group.len() < 3 {
+            continue;
+        }
+        let mut sorted: Vec<f64> = group.iter().map(|&i| squares[i]).collect();
+        sorted.sort_by(f64::total_cmp);
+        let middle = sorted[(sorted.len() - 1) / 2];
+        let far = |&&i: &&usize| squares[i] > FAR && squares[i] > ALONE * middle;
+        found.extend(group.iter().filter(far).copied());
+    }
+    found.sort_unstable();
+    found
+}

@@ -1,0 +1,225 @@
+//! A diagnosis on the terminal, and as JSON.
+
+use super::format::{count, length, number, wrap};
+use super::json::NoiseDocument;
+use crate::campaign::Campaign;
+use crate::diagnosis::{Candidate, CannotSee, Diagnosis, Verdict, Where};
+use crate::fit::Errors;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// `misfit.diagnosis/1`.
+#[derive(Debug, Serialize)]
+pub struct DiagnosisDocument {
+    schema: &'static str,
+    verdict: Verdict,
+    effects: Vec<&'static str>,
+    r#where: Vec<Where>,
+    contrasts: Contrasts,
+    candidates: Vec<Candidate>,
+    cannot_see: Vec<CannotSee>,
+    next_poses: Vec<Vec<f64>>,
+    noise: NoiseDocument,
+    rejected: Vec<usize>,
+    base: Errors,
+    base_heldout: Option<Errors>,
+    fit: Errors,
+    heldout: Option<Errors>,
+}
+
+/// p-values of the contrasts that the design has.
+#[derive(Debug, Default, Serialize)]
+struct Contrasts {
+    pose: Option<f64>,
+    load: Option<f64>,
+    direction: Option<f64>,
+    time: Option<f64>,
+    repeat: Option<f64>,
+}
+
+/// A variable is said to carry the misfit below this probability.
+const CARRIES: f64 = 1e-4;
+/// Candidates named one by one.
+const SHOWN: usize = 4;
+
+/// The document.
+pub fn document(diagnosis: &Diagnosis) -> DiagnosisDocument {
+    let p = |name: &str| {
+        let contrast = diagnosis.contrasts.iter().find(|c| c.name == name);
+        contrast.map(|c| c.p_value)
+    };
+    DiagnosisDocument {
+        schema: "misfit.diagnosis/1",
+        verdict: diagnosis.verdict,
+        effects: diagnosis.effects.clone(),
+        r#where: diagnosis.variables.clone(),
+        contrasts: Contrasts {
+            pose: p("pose"),
+            load: p("load"),
+            direction: p("direction"),
+            time: p("time"),
+            repeat: p("repeat"),
+        },
+        candidates: diagnosis.candidates.clone(),
+        cannot_see: diagnosis.cannot_see.clone(),
+        next_poses: Vec::new(),
+        noise: NoiseDocument::of(&diagnosis.fit),
+        rejected: diagnosis.rejected.clone(),
+        base: diagnosis.base.fit,
+        base_heldout: diagnosis.base.heldout,
+        fit: diagnosis.fit.fit,
+        heldout: diagnosis.fit.heldout,
+    }
+}
+
+/// The report.
+pub fn text(campaign: &Campaign, diagnosis: &Diagnosis) -> String {
+    let mut out = String::new();
+    let base = &diagnosis.base;
+    let rejected = match diagnosis.rejected.len() {
+        0 => "none rejected".to_owned(),
+        n => format!("{n} rejected (lines {})", lines(&diagnosis.rejected)),
+    };
+    let title = format!(
+        "{} · robot {} · {} · {rejected}",
+        campaign.name,
+        campaign.robot.name,
+        count(base.readings.0, "reading")
+    );
+    let _ = writeln!(out, "{}", wrap(&title, 9));
+    let _ = writeln!(out, "{}", super::fit::model_line(base));
+    let _ = writeln!(out, "{}", super::fit::noise_line(campaign, base));
+    let held = base.heldout.map_or_else(String::new, |e| {
+        format!(" · not fitted {} rms", length(e.position_rms_m))
+    });
+    let _ = writeln!(
+        out,
+        "\nerror    fitted {} rms{held} · {} × noise\n",
+        length(base.fit.position_rms_m),
+        number((base.fit.whitened_rms.powi(2) / base.noise.factor).sqrt())
+    );
+    let _ = writeln!(out, "where it fails");
+    for contrast in &diagnosis.contrasts {
+        let bar = "█".repeat(((contrast.ratio.sqrt() - 0.9) * 10.0).clamp(0.0, 40.0) as usize);
+        let _ = writeln!(
+            out,
+            "  {:<20} × {:<6} {:<12} {bar}",
+            words(contrast.name),
+            number(contrast.ratio.sqrt()),
+            p_value(contrast.p_value)
+        );
+    }
+    let carried = diagnosis.variables.iter().filter(|v| v.p_value < CARRIES);
+    for variable in carried.take(3) {
+        let line = format!(
+            "  → it goes with {} ({}), {}",
+            variable.variable,
+            variable.pattern,
+            p_value(variable.p_value)
+        );
+        let _ = writeln!(out, "{}", wrap(&line, 4));
+    }
+    let _ = write!(out, "\n{}", answer(diagnosis));
+    let others: Vec<String> = diagnosis
+        .candidates
+        .iter()
+        .filter(|c| !diagnosis.effects.contains(&c.effect))
+        .map(|c| format!("{} {:+.0}", c.effect, c.log_evidence))
+        .collect();
+    if !others.is_empty() {
+        let rest = others.len().saturating_sub(SHOWN);
+        let more = if rest > 0 { format!(" · {rest} more") } else { String::new() };
+        let shown = others[..others.len().min(SHOWN)].join(" · ");
+        let line = format!("also tried  {shown}{more} (evidence, nats)");
+        let _ = writeln!(out, "{}", wrap(&line, 12));
+    }
+    if !diagnosis.cannot_see.is_empty() {
+        let blind: Vec<&str> = diagnosis.cannot_see.iter().map(|c| c.effect).collect();
+        let line = format!("cannot see  {}", blind.join(", "));
+        let _ = writeln!(out, "{}", wrap(&line, 12));
+    }
+    out
+}
+
+fn lines(all: &[usize]) -> String {
+    let mut shown: Vec<String> = all.iter().take(8).map(usize::to_string).collect();
+    if all.len() > 8 {
+        shown.push("…".to_owned());
+    }
+    shown.join(", ")
+}
+
+fn words(contrast: &str) -> &'static str {
+    match contrast {
+        "pose" => "between poses",
+        "load" => "between loads",
+        "direction" => "between directions",
+        "time" => "over time",
+        _ => "between repeats",
+    }
+}
+
+fn p_value(p: f64) -> String {
+    if p < 1e-16 {
+        "p < 1e-16".to_owned()
+    } else if p < 0.01 {
+        format!("p = {p:.0e}")
+    } else {
+        format!("p = {p:.2}")
+    }
+}
+
+fn answer(diagnosis: &Diagnosis) -> String {
+    let find = |id: &str| diagnosis.candidates.iter().find(|c| c.effect == id);
+    let fall = |out: &mut String| {
+        let (before, after) = (&diagnosis.base, &diagnosis.fit);
+        let _ = writeln!(
+            out,
+            "         fitted error {} → {}",
+            length(before.fit.position_rms_m),
+            length(after.fit.position_rms_m)
+        );
+        if let (Some(before), Some(after)) = (before.heldout, after.heldout) {
+            let _ = writeln!(
+                out,
+                "         error of poses not fitted {} → {}",
+                length(before.position_rms_m),
+                length(after.position_rms_m)
+            );
+        }
+    };
+    let mut out = String::new();
+    match diagnosis.verdict {
+        Verdict::Nothing => {
+            let _ = writeln!(out, "verdict  nothing detectable is missing");
+        }
+        Verdict::Named | Verdict::NamedIncomplete => {
+            for effect in &diagnosis.effects {
+                let found = find(effect).map_or_else(String::new, |c| {
+                    format!("   λ {}, evidence {:+.0} nats", number(c.lambda), c.log_evidence)
+                });
+                let _ = writeln!(out, "missing  {effect}{found}");
+            }
+            fall(&mut out);
+            if diagnosis.verdict == Verdict::NamedIncomplete {
+                let line = "         something is left that no effect of the catalogue explains: its form may \
+                            be wrong";
+                let _ = writeln!(out, "{}", wrap(line, 9));
+            }
+        }
+        Verdict::Alias => {
+            let line = format!(
+                "missing  one of {}: this campaign cannot tell which",
+                diagnosis.effects.join(", ")
+            );
+            let _ = writeln!(out, "{}", wrap(&line, 9));
+            fall(&mut out);
+        }
+        Verdict::Unknown => {
+            let line = "verdict  something is missing that the catalogue does not hold; where it fails is all \
+                        that can be said";
+            let _ = writeln!(out, "{}", wrap(line, 9));
+        }
+    }
+    out
+}
