@@ -90,6 +90,8 @@ fn statics(c: &mut Criterion) {
             approach: vec![visit.direction; visit.joints.len()],
             loads: vec![scenario.design.loads[visit.load].on(visit.target)],
             joints: visit.joints,
+            time: 0.0,
+            temperature: 0.0,
         })
         .collect();
     let mut group = c.benchmark_group("mujoco");

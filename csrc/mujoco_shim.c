@@ -60,6 +60,10 @@ void misfit_mj_body_ipos(const misfit_model* m, int body, double ipos[3]) {
   UNUSED(m); UNUSED(body);
   ipos[0] = ipos[1] = ipos[2] = 0;
 }
+void misfit_mj_body_pos(const misfit_model* m, int body, double pos[3]) {
+  UNUSED(m); UNUSED(body);
+  pos[0] = pos[1] = pos[2] = 0;
+}
 int misfit_mj_body_parent(const misfit_model* m, int body) { UNUSED(m); UNUSED(body); return 0; }
 double* misfit_mj_array(misfit_model* m, misfit_data* d, int which) {
   UNUSED(m); UNUSED(d); UNUSED(which);
@@ -68,6 +72,9 @@ double* misfit_mj_array(misfit_model* m, misfit_data* d, int which) {
 void misfit_mj_set_body_mass(misfit_model* m, int body, double mass) { UNUSED(m); UNUSED(body); UNUSED(mass); }
 void misfit_mj_set_body_ipos(misfit_model* m, int body, const double ipos[3]) {
   UNUSED(m); UNUSED(body); UNUSED(ipos);
+}
+void misfit_mj_set_body_pos(misfit_model* m, int body, const double pos[3]) {
+  UNUSED(m); UNUSED(body); UNUSED(pos);
 }
 int misfit_mj_position(const misfit_model* m, misfit_data* d) { UNUSED(m); UNUSED(d); return refuse(); }
 int misfit_mj_static_residual(const misfit_model* m, misfit_data* d, double* out) {
@@ -278,6 +285,10 @@ void misfit_mj_body_ipos(const misfit_model* model, int body, double ipos[3]) {
   memcpy(ipos, ((const mjModel*)model)->body_ipos + 3 * body, 3 * sizeof *ipos);
 }
 
+void misfit_mj_body_pos(const misfit_model* model, int body, double pos[3]) {
+  memcpy(pos, ((const mjModel*)model)->body_pos + 3 * body, 3 * sizeof *pos);
+}
+
 int misfit_mj_body_parent(const misfit_model* model, int body) {
   return ((const mjModel*)model)->body_parentid[body];
 }
@@ -323,6 +334,10 @@ void misfit_mj_set_body_ipos(misfit_model* model, int body, const double ipos[3]
   for (int i = 0; i < (int)m->nsite; i++) {
     if (m->site_bodyid[i] == body) m->site_sameframe[i] = 0;
   }
+}
+
+void misfit_mj_set_body_pos(misfit_model* model, int body, const double pos[3]) {
+  memcpy(((mjModel*)model)->body_pos + 3 * body, pos, 3 * sizeof *pos);
 }
 
 int misfit_mj_position(const misfit_model* model, misfit_data* data) {

@@ -69,6 +69,7 @@ void misfit_mj_joint(const misfit_model* model, int joint, int* type, int* qpos,
 void misfit_mj_sensor(const misfit_model* model, int sensor, int* address, int* dimension);
 double misfit_mj_body_mass(const misfit_model* model, int body);
 void misfit_mj_body_ipos(const misfit_model* model, int body, double ipos[3]);
+void misfit_mj_body_pos(const misfit_model* model, int body, double pos[3]);
 int misfit_mj_body_parent(const misfit_model* model, int body);
 double* misfit_mj_array(misfit_model* model, misfit_data* data, int which);
 
@@ -76,6 +77,8 @@ double* misfit_mj_array(misfit_model* model, misfit_data* data, int which);
 void misfit_mj_set_body_mass(misfit_model* model, int body, double mass);
 /* Also tells MuJoCo that the inertial frame is no longer the body's own. */
 void misfit_mj_set_body_ipos(misfit_model* model, int body, const double ipos[3]);
+/* Where a body sits in its parent. */
+void misfit_mj_set_body_pos(misfit_model* model, int body, const double pos[3]);
 
 /* Poses of all bodies and sites at qpos, and what Jacobians need. */
 int misfit_mj_position(const misfit_model* model, misfit_data* data);

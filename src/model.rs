@@ -15,8 +15,8 @@ use crate::posture::{Kind, Posture, Slots};
 use crate::setup::Setup;
 use crate::statics::{Load, Screw, Statics};
 use nalgebra::{
-    Const, DMatrix, DVector, Dyn, Isometry3, Matrix3, OMatrix, SVector, UnitQuaternion, Vector3,
-    Vector6,
+    Const, DMatrix, DVector, Dyn, Isometry3, Matrix3, Matrix6, OMatrix, SVector, UnitQuaternion,
+    Vector3, Vector6,
 };
 use std::sync::Arc;
 
@@ -178,6 +178,8 @@ pub struct Workspace {
     entries: Vec<Entry>,
     slot_rows: Vec<Option<Row>>,
     response: DMatrix<f64>,
+    /// What the wrist sensor makes of a change of the true wrench.
+    sensor: Matrix6<f64>,
 }
 
 #[derive(Clone, Copy)]
@@ -233,6 +235,7 @@ impl Workspace {
             entries: Vec::new(),
             slot_rows: vec![None; slots.count],
             response: DMatrix::zeros(0, 0),
+            sensor: Matrix6::identity(),
         }
     }
 
@@ -453,7 +456,7 @@ impl Workspace {
             setup: &model.setup,
             reading,
             wrenches: &self.dual_wrenches,
-            sensed: self.sensed,
+            sensed: self.sensed.map(constant),
             deviations: &mut self.dual_deviations,
             base_from_tracker: DualQuaternion::identity(),
             link_from_target: DualQuaternion::identity(),
@@ -527,6 +530,10 @@ impl Workspace {
     /// Sets up how the target answers elastic deviations: `response = Y_e (1 - G)⁻¹`, 6 × elastic.
     fn prepare_response(&mut self, model: &Model, p: &[f64], reading: &Reading) {
         self.slot_rows.fill(None);
+        self.sensor = match wrench_is_measured(reading) {
+            true => self.sensor_gain(model, p, reading),
+            false => Matrix6::identity(),
+        };
         if model
             .terms
             .iter()
@@ -552,6 +559,39 @@ impl Workspace {
             // a posture at the edge of collapse: the direct answer is the best there is
             None => direct,
         };
+    }
+
+    /// Change of what the wrist sensor reads with the true wrench, its effects included.
+    fn sensor_gain(&mut self, model: &Model, p: &[f64], reading: &Reading) -> Matrix6<f64> {
+        self.dual_deviations.fill(constant(0.0));
+        let mut sensed = self.sensed.map(constant);
+        for k in 0..6 {
+            sensed[k] = seeded(self.sensed[k], k);
+        }
+        let mut posture = Posture {
+            setup: &model.setup,
+            reading,
+            wrenches: &self.dual_wrenches,
+            sensed,
+            deviations: &mut self.dual_deviations,
+            base_from_tracker: DualQuaternion::identity(),
+            link_from_target: DualQuaternion::identity(),
+        };
+        for term in &model.terms {
+            if term.effect.stage() == Stage::Sensor {
+                let p: Vec<Dual> = term.of(p).iter().map(|&x| constant(x)).collect();
+                term.effect.perturb_dual(&p, &mut posture);
+            }
+        }
+        let mut gain = Matrix6::identity();
+        for row in 0..6 {
+            if let Some(rates) = rates(&self.dual_deviations[self.slots.sensed + row]) {
+                for column in 0..6 {
+                    gain[(row, column)] += rates[column];
+                }
+            }
+        }
+        gain
     }
 
     /// Motion of the target as the tracker sees it under a unit of a deviation, the loads left where they are.
@@ -598,7 +638,10 @@ impl Workspace {
             let turn = pose.fixed_rows::<3>(3).into_owned();
             let turn = self.frames.base_from_tracker.transform_vector(&turn);
             let origin = self.link(model, reading).translation();
-            let wrench = self.statics.payload_wrench_rate(&origin, &turn, kind);
+            let wrench = match kind {
+                Kind::Sensed(k) => Vector6::ith(k, 1.0),
+                _ => self.sensor * self.statics.payload_wrench_rate(&origin, &turn, kind),
+            };
             row.fixed_rows_mut::<6>(6).copy_from(&wrench);
         }
         self.slot_rows[slot] = Some(row);
@@ -637,7 +680,7 @@ impl Workspace {
                 setup: &model.setup,
                 reading,
                 wrenches: &self.dual_wrenches,
-                sensed: self.sensed,
+                sensed: self.sensed.map(constant),
                 deviations: &mut self.dual_deviations,
                 base_from_tracker: DualQuaternion::identity(),
                 link_from_target: DualQuaternion::identity(),

@@ -75,7 +75,7 @@ pub fn model(
     let mut model = Model::new(setup, &effects);
     model.hold_known_frames(campaign);
     for (term, choice) in model.terms.iter_mut().zip(&choices) {
-        choice.apply(&source, &mut term.parameters)?;
+        choice.apply(&source, &model.setup, &mut term.parameters)?;
     }
     Ok(model)
 }

@@ -252,6 +252,17 @@ impl Model {
         Ok(Vector3::from(ipos))
     }
 
+    /// Where a body sits in its parent at rest, m.
+    ///
+    /// # Errors
+    /// If there is no such body.
+    pub fn body_pos(&self, body: usize) -> Result<Vector3<f64>, MujocoError> {
+        let body = checked("body", body, self.bodies())?;
+        let mut pos = [0.0; 3];
+        unsafe { misfit_mj_body_pos(self.as_ptr(), body, pos.as_mut_ptr()) };
+        Ok(Vector3::from(pos))
+    }
+
     /// The body that a body is fixed to or hangs on; the world's is the world.
     ///
     /// # Errors
@@ -378,6 +389,17 @@ impl Data {
         let body = checked("body", body, self.model.bodies())?;
         finite(&ipos, "a centre of mass")?;
         unsafe { misfit_mj_set_body_ipos(self.model.as_ptr(), body, ipos.as_ptr()) };
+        Ok(())
+    }
+
+    /// Sets where a body sits in its parent at rest, m.
+    ///
+    /// # Errors
+    /// If there is no such body, or the position is not finite.
+    pub fn set_body_pos(&mut self, body: usize, pos: Vector3<f64>) -> Result<(), MujocoError> {
+        let body = checked("body", body, self.model.bodies())?;
+        finite(&pos, "a body's position")?;
+        unsafe { misfit_mj_set_body_pos(self.model.as_ptr(), body, pos.as_ptr()) };
         Ok(())
     }
 
@@ -742,10 +764,12 @@ unsafe extern "C" {
     );
     fn misfit_mj_body_mass(model: *const c_void, body: c_int) -> c_double;
     fn misfit_mj_body_ipos(model: *const c_void, body: c_int, ipos: *mut c_double);
+    fn misfit_mj_body_pos(model: *const c_void, body: c_int, pos: *mut c_double);
     fn misfit_mj_body_parent(model: *const c_void, body: c_int) -> c_int;
     fn misfit_mj_array(model: *mut c_void, data: *mut c_void, which: c_int) -> *mut c_double;
     fn misfit_mj_set_body_mass(model: *mut c_void, body: c_int, mass: c_double);
     fn misfit_mj_set_body_ipos(model: *mut c_void, body: c_int, ipos: *const c_double);
+    fn misfit_mj_set_body_pos(model: *mut c_void, body: c_int, pos: *const c_double);
     fn misfit_mj_position(model: *const c_void, data: *mut c_void) -> c_int;
     fn misfit_mj_static_residual(
         model: *const c_void,

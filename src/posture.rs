@@ -8,7 +8,7 @@
 //!   what the joint carries by a translation (m) and then a rotation vector (rad), in the frame that the
 //!   joint moves (virtual joint method; Klimchik et al., ICINCO 2014, "Complete Stiffness Model for a Serial
 //!   Robot");
-//! * masses, payload, the direction of gravity, torques beside the load's;
+//! * masses and their centres, payload, the direction of gravity, torques beside the load's;
 //! * what wrist sensor and tracker make of the truth.
 //!
 //! The frames of tracker and target are not small; effects compose them.
@@ -31,7 +31,7 @@ pub struct Posture<'a, S: Scalar> {
     /// in the joint frame, N and N·m. Zero for effects that act before the load.
     pub wrenches: &'a [Vector6<S>],
     /// What the wrist sensor should read, `[f; m]`, link frame, N and N·m; zero but for effects on the sensor.
-    pub sensed: Vector6<f64>,
+    pub sensed: Vector6<S>,
     /// Deviations by [`Slots`].
     pub deviations: &'a mut [S],
     /// Pose of the tracker in the robot's base frame.
@@ -83,6 +83,14 @@ impl<S: Scalar> Posture<'_, S> {
     pub fn add_mass(&mut self, body: usize, by: S) {
         let slot = Slots::of(self.setup).mass + body;
         self.deviations[slot] += by;
+    }
+
+    /// Moves a body's centre of mass, body's frame, m.
+    pub fn move_com(&mut self, body: usize, by: [S; 3]) {
+        let first = Slots::of(self.setup).com + 3 * body;
+        for (k, by) in by.into_iter().enumerate() {
+            self.deviations[first + k] += by;
+        }
     }
 
     /// Adds to gravity, base frame, m/s².
@@ -143,6 +151,8 @@ pub struct Slots {
     pub joints: usize,
     /// Masses by body.
     pub mass: usize,
+    /// Centres of mass by body, 3 each.
+    pub com: usize,
     /// Gravity, 3.
     pub gravity: usize,
     /// Payload mass.
@@ -165,7 +175,8 @@ impl Slots {
         let joints = setup.robot.joints.len();
         let nodes = joints + 1;
         let mass = joints + NODE * nodes;
-        let gravity = mass + nodes;
+        let com = mass + nodes;
+        let gravity = com + 3 * nodes;
         let payload_mass = gravity + 3;
         let payload_com = payload_mass + 1;
         let torque = payload_com + 3;
@@ -174,6 +185,7 @@ impl Slots {
         Self {
             joints,
             mass,
+            com,
             gravity,
             payload_mass,
             payload_com,
@@ -197,8 +209,11 @@ impl Slots {
         } else if slot < s.mass {
             let at = slot - s.joints;
             Kind::Node(at / NODE, at % NODE)
-        } else if slot < s.gravity {
+        } else if slot < s.com {
             Kind::Mass(slot - s.mass)
+        } else if slot < s.gravity {
+            let at = slot - s.com;
+            Kind::Com(at / 3, at % 3)
         } else if slot < s.payload_mass {
             Kind::Gravity(slot - s.gravity)
         } else if slot < s.payload_com {
@@ -224,6 +239,8 @@ pub enum Kind {
     Node(usize, usize),
     /// Mass of a body.
     Mass(usize),
+    /// Component of a body's centre of mass.
+    Com(usize, usize),
     /// Component of gravity.
     Gravity(usize),
     /// Mass of the payload.

@@ -71,6 +71,8 @@ pub struct Statics {
     origin: Vec<Vector3<f64>>,
     /// By body: pose, behind the node's displacement.
     pub body: Vec<DualQuaternion<f64>>,
+    /// By body: its own mass, kg, and centre, m.
+    own: Vec<(f64, Vector3<f64>)>,
     /// By node: mass of it and all it carries, kg.
     mass: Vec<f64>,
     /// By node: Σ m r of the same about the base origin, kg·m.
@@ -111,6 +113,7 @@ impl Statics {
             rotation: vec![Matrix3::identity(); nodes],
             origin: vec![Vector3::zeros(); nodes],
             body: vec![DualQuaternion::identity(); nodes],
+            own: vec![(0.0, Vector3::zeros()); nodes],
             mass: vec![0.0; nodes],
             moment: vec![Vector3::zeros(); nodes],
             local_wrench: vec![Vector6::zeros(); nodes],
@@ -153,8 +156,11 @@ impl Statics {
         self.gravity = setup.gravity + at(slots.gravity);
         for (node, body) in setup.robot.bodies.iter().enumerate() {
             let mass = body.mass + deviations[slots.mass + node];
+            let com = body.com + at(slots.com + 3 * node);
+            let com = self.body[node].transform_point(&com);
+            self.own[node] = (mass, com);
             self.mass[node] = mass;
-            self.moment[node] = self.body[node].transform_point(&body.com) * mass;
+            self.moment[node] = com * mass;
         }
         let body = self.body[load.body];
         let link = body * DualQuaternion::from_isometry(&load.body_from_link);
@@ -250,11 +256,7 @@ impl Statics {
         }
         let back = self.link_rotation.transpose();
         let (force, torque) = (back * force, back * torque);
-        let mut rate = Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
-        if let Kind::Sensed(k) = kind {
-            rate[k] += 1.0;
-        }
-        rate
+        Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z)
     }
 
     /// Change of `row · local_wrench[node]` with a unit of a load's deviation; `row` as for
@@ -272,9 +274,12 @@ impl Statics {
         let (payload_body, payload_mass, payload_com) = self.payload;
         match kind {
             Kind::Mass(body) if self.carries(node, body) => {
-                let com = self.body[body].transform_point(&setup.robot.bodies[body].com);
-                let arm = com - self.origin[node];
+                let arm = self.own[body].1 - self.origin[node];
                 both(&self.gravity, &arm.cross(&self.gravity))
+            }
+            Kind::Com(body, k) if self.carries(node, body) => {
+                let moved = self.body[body].transform_vector(&Vector3::ith(k, self.own[body].0));
+                row_torque.dot(&moved.cross(&self.gravity))
             }
             Kind::Gravity(k) => {
                 let by = Vector3::ith(k, 1.0);

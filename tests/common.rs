@@ -282,11 +282,18 @@ impl Twins {
                 .clone()
                 .unwrap_or_else(|| vec![0.0; joints]),
             loads: load.into_iter().collect(),
+            time: reading
+                .time
+                .map_or(0.0, |time| time - self.model.setup.time_zero),
+            temperature: reading
+                .temperature
+                .map_or(0.0, |t| t - self.model.setup.temperature_zero),
         };
         let state = self.plant.state(&command).unwrap();
         let draws = Draws::new(joints, &mut random(0));
         let seen = read(
             &self.spec,
+            &command,
             &state,
             reading.target,
             &Noise::default(),
@@ -307,6 +314,7 @@ impl Twins {
             let (seen, _) = self.measure(reading);
             reading.position = seen.position;
             reading.orientation = Some(seen.orientation);
+            reading.wrench = reading.wrench.map(|_| seen.wrench);
         }
         campaign(&self.model.setup, readings)
     }

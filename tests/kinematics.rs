@@ -88,6 +88,8 @@ fn dual_quaternions_mujoco_and_isometries_agree() {
             approach: vec![0.0; joints.len()],
             joints,
             loads: Vec::new(),
+            time: 0.0,
+            temperature: 0.0,
         };
         let state = plant.state(&command).unwrap();
         for (target, flange) in state.base_from_link.iter().enumerate() {

@@ -135,6 +135,8 @@ fn command(joints: Vec<f64>, loads: Vec<Load>) -> Command {
         approach: vec![0.0; joints.len()],
         joints,
         loads,
+        time: 0.0,
+        temperature: 0.0,
     }
 }
 
@@ -540,9 +542,8 @@ fn laws_of_commands_and_torques_act_within_the_solve() {
     let mut plant = Plant::build(&spec).unwrap();
     let state = plant
         .state(&Command {
-            joints: vec![0.2],
             approach: vec![-1.0],
-            loads: vec![],
+            ..command(vec![0.2], vec![])
         })
         .unwrap();
     let deflection = state.joints[0] - 0.199;

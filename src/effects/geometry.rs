@@ -53,6 +53,7 @@ fn nodes(setup: &Setup) -> impl Iterator<Item = usize> + '_ {
 impl Effect for Geometry {
     const ID: &'static str = "geometry";
     const STAGE: Stage = Stage::Rigid;
+    const ALIASES: &'static [&'static str] = &["joint_offset", "tracker_scale"];
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
         let of_node = |node: usize| {

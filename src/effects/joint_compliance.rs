@@ -21,11 +21,10 @@
 //! Appl. Sci. 2019, 9, 65, eq. 19 to 35 and Tables 3 and 4; Chen, Kao 2000, *Conservative congruence
 //! transformation*, IJRR 19(9).
 
-use super::{Effect, Parameter, Stage};
+use super::{Effect, Need, Parameter, Stage, at_least_zero, by_joint};
 use crate::dual_quaternion::Scalar;
 use crate::plant::{PlantError, PlantSpec};
 use crate::posture::Posture;
-use crate::robot::JointKind;
 use crate::setup::Setup;
 use serde::Deserialize;
 
@@ -37,17 +36,13 @@ pub struct JointCompliance {}
 impl Effect for JointCompliance {
     const ID: &'static str = "joint_compliance";
     const STAGE: Stage = Stage::Elastic;
+    const NEEDS: &'static [Need] = &[Need::Load];
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
-        let of_joint = |&j: &usize| {
-            let joint = &setup.robot.joints[j];
-            match joint.kind {
-                JointKind::Prismatic => Parameter::new(&joint.name, "m/N", 1e-7),
-                _ => Parameter::new(&joint.name, "rad/(N·m)", 1e-4),
-            }
-            .at_least(0.0)
-        };
-        setup.observed.iter().map(of_joint).collect()
+        by_joint(setup, ("rad/(N·m)", 1e-4), ("m/N", 1e-7))
+            .into_iter()
+            .map(|parameter| parameter.at_least(0.0))
+            .collect()
     }
 
     fn perturb<S: Scalar>(&self, p: &[S], posture: &mut Posture<'_, S>) {
@@ -59,14 +54,7 @@ impl Effect for JointCompliance {
 
     fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError> {
         for (&joint, &compliance) in setup.observed.iter().zip(p) {
-            if !(compliance.is_finite() && compliance >= 0.0) {
-                return Err(PlantError::Value {
-                    effect: Self::ID,
-                    parameter: setup.robot.joints[joint].name.clone(),
-                    found: compliance,
-                    accepted: "a compliance of zero (rigid) or more",
-                });
-            }
+            at_least_zero(Self::ID, &setup.robot.joints[joint].name, compliance)?;
             // springs in series: their compliances add
             let before = plant.stiffness[joint].map_or(0.0, |k| 1.0 / k);
             let sum = before + compliance;

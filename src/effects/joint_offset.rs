@@ -18,11 +18,10 @@
 //! Slamani, Nubiola, Bonev 2012, *Assessment of the positioning performance of an industrial robot*
 //! (650 µm and 2.8 mrad before calibration of an IRB 1600).
 
-use super::{Effect, Parameter, Stage};
+use super::{Effect, Parameter, Stage, by_joint};
 use crate::dual_quaternion::Scalar;
 use crate::plant::{PlantError, PlantSpec};
 use crate::posture::Posture;
-use crate::robot::JointKind;
 use crate::setup::Setup;
 use serde::Deserialize;
 
@@ -34,16 +33,10 @@ pub struct JointOffset {}
 impl Effect for JointOffset {
     const ID: &'static str = "joint_offset";
     const STAGE: Stage = Stage::Rigid;
+    const ALIASES: &'static [&'static str] = &["geometry"];
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
-        let of_joint = |&j: &usize| {
-            let joint = &setup.robot.joints[j];
-            match joint.kind {
-                JointKind::Prismatic => Parameter::new(&joint.name, "m", 5e-4),
-                _ => Parameter::new(&joint.name, "rad", 1e-3),
-            }
-        };
-        setup.observed.iter().map(of_joint).collect()
+        by_joint(setup, ("rad", 1e-3), ("m", 5e-4))
     }
 
     fn perturb<S: Scalar>(&self, p: &[S], posture: &mut Posture<'_, S>) {

@@ -3,17 +3,44 @@
 //! An effect is one file: its `//!` comment is its handbook page, its [`Effect`] implementation its law for
 //! the model and its realisation in the plant. [`CATALOGUE`] is the only place that lists them.
 
+mod backlash;
+mod base_compliance;
+mod bearing_tilt;
+mod frame_drift;
+mod ft_bias;
+mod ft_gain;
+mod ft_misalignment;
+mod gear_ratio;
+mod gear_ripple;
 mod geometry;
+mod gravity_backlash;
+mod gravity_compensator;
+mod gravity_direction;
+mod hysteresis;
 mod joint_compliance;
+mod joint_hardening;
 mod joint_offset;
+mod link_flexibility;
+mod link_mass;
+pub mod need;
+mod options;
+mod payload_com;
+mod payload_mass;
 pub mod table;
 mod target_offset;
+mod thermal_expansion;
+mod timestamp_lag;
 mod tracker_frame;
+mod tracker_scale;
+mod transmission_error;
+mod wrist_coupling;
 
 use crate::dual_quaternion::Scalar;
 use crate::plant::{PlantError, PlantSpec};
 use crate::posture::Posture;
+use crate::robot::JointKind;
 use crate::setup::Setup;
+pub use need::Need;
 use num_dual::DualSVec64;
 use serde::de::DeserializeOwned;
 use std::fmt::Debug;
@@ -25,7 +52,30 @@ pub const CATALOGUE: &[Entry] = &[
     entry::<target_offset::TargetOffset>(include_str!("target_offset.rs")),
     entry::<joint_offset::JointOffset>(include_str!("joint_offset.rs")),
     entry::<geometry::Geometry>(include_str!("geometry.rs")),
+    entry::<gear_ratio::GearRatio>(include_str!("gear_ratio.rs")),
+    entry::<transmission_error::TransmissionError>(include_str!("transmission_error.rs")),
+    entry::<gear_ripple::GearRipple>(include_str!("gear_ripple.rs")),
+    entry::<wrist_coupling::WristCoupling>(include_str!("wrist_coupling.rs")),
+    entry::<backlash::Backlash>(include_str!("backlash.rs")),
+    entry::<timestamp_lag::TimestampLag>(include_str!("timestamp_lag.rs")),
+    entry::<thermal_expansion::ThermalExpansion>(include_str!("thermal_expansion.rs")),
     entry::<joint_compliance::JointCompliance>(include_str!("joint_compliance.rs")),
+    entry::<joint_hardening::JointHardening>(include_str!("joint_hardening.rs")),
+    entry::<gravity_backlash::GravityBacklash>(include_str!("gravity_backlash.rs")),
+    entry::<hysteresis::Hysteresis>(include_str!("hysteresis.rs")),
+    entry::<bearing_tilt::BearingTilt>(include_str!("bearing_tilt.rs")),
+    entry::<link_flexibility::LinkFlexibility>(include_str!("link_flexibility.rs")),
+    entry::<base_compliance::BaseCompliance>(include_str!("base_compliance.rs")),
+    entry::<link_mass::LinkMass>(include_str!("link_mass.rs")),
+    entry::<gravity_compensator::GravityCompensator>(include_str!("gravity_compensator.rs")),
+    entry::<gravity_direction::GravityDirection>(include_str!("gravity_direction.rs")),
+    entry::<payload_mass::PayloadMass>(include_str!("payload_mass.rs")),
+    entry::<payload_com::PayloadCom>(include_str!("payload_com.rs")),
+    entry::<frame_drift::FrameDrift>(include_str!("frame_drift.rs")),
+    entry::<tracker_scale::TrackerScale>(include_str!("tracker_scale.rs")),
+    entry::<ft_bias::FtBias>(include_str!("ft_bias.rs")),
+    entry::<ft_gain::FtGain>(include_str!("ft_gain.rs")),
+    entry::<ft_misalignment::FtMisalignment>(include_str!("ft_misalignment.rs")),
 ];
 
 /// Where on the way from encoder to tracker an effect acts.
@@ -101,6 +151,17 @@ pub trait Effect: Debug + Send + Sync + 'static {
     const ID: &'static str;
     /// Where it acts.
     const STAGE: Stage;
+    /// What a campaign must have for it to be seen.
+    const NEEDS: &'static [Need] = &[];
+    /// Effects of the catalogue that look exactly the same in some campaigns that meet its needs.
+    const ALIASES: &'static [&'static str] = &[];
+    /// Refuses options that do not fit the robot.
+    ///
+    /// # Errors
+    /// What was found, and what is accepted.
+    fn check(&self, _setup: &Setup) -> Result<(), String> {
+        Ok(())
+    }
     /// Its parameters for a robot with its targets, in the order that `perturb` and `install` take them.
     fn parameters(&self, setup: &Setup) -> Vec<Parameter>;
     /// The model's side: adds to the posture.
@@ -110,6 +171,42 @@ pub trait Effect: Debug + Send + Sync + 'static {
     /// # Errors
     /// If the plant cannot realise these values.
     fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError>;
+}
+
+/// One parameter for each observed joint: unit and typical size where it turns, and where it slides.
+fn by_joint(
+    setup: &Setup,
+    turns: (&'static str, f64),
+    slides: (&'static str, f64),
+) -> Vec<Parameter> {
+    let of_joint = |&joint: &usize| {
+        let joint = &setup.robot.joints[joint];
+        let (unit, typical) = match joint.kind {
+            JointKind::Prismatic => slides,
+            JointKind::Revolute | JointKind::Continuous => turns,
+        };
+        Parameter::new(&joint.name, unit, typical)
+    };
+    setup.observed.iter().map(of_joint).collect()
+}
+
+/// The observed joints that turn.
+fn turning(setup: &Setup) -> impl Iterator<Item = usize> + '_ {
+    let observed = setup.observed.iter().copied();
+    observed.filter(|&joint| setup.robot.joints[joint].kind != JointKind::Prismatic)
+}
+
+/// Refuses values that no spring can have.
+fn at_least_zero(effect: &'static str, parameter: &str, found: f64) -> Result<(), PlantError> {
+    if found.is_finite() && found >= 0.0 {
+        return Ok(());
+    }
+    Err(PlantError::Value {
+        effect,
+        parameter: parameter.to_owned(),
+        found,
+        accepted: "a compliance of zero (rigid) or more",
+    })
 }
 
 /// Directions that one evaluation with dual numbers carries.
@@ -123,6 +220,15 @@ pub trait AnyEffect: Debug + Send + Sync {
     fn id(&self) -> &'static str;
     /// [`Effect::STAGE`].
     fn stage(&self) -> Stage;
+    /// [`Effect::NEEDS`].
+    fn needs(&self) -> &'static [Need];
+    /// [`Effect::ALIASES`].
+    fn aliases(&self) -> &'static [&'static str];
+    /// [`Effect::check`].
+    ///
+    /// # Errors
+    /// As there.
+    fn check(&self, setup: &Setup) -> Result<(), String>;
     /// [`Effect::parameters`].
     fn parameters(&self, setup: &Setup) -> Vec<Parameter>;
     /// [`Effect::perturb`] with plain numbers.
@@ -142,6 +248,15 @@ impl<E: Effect> AnyEffect for E {
     }
     fn stage(&self) -> Stage {
         E::STAGE
+    }
+    fn needs(&self) -> &'static [Need] {
+        E::NEEDS
+    }
+    fn aliases(&self) -> &'static [&'static str] {
+        E::ALIASES
+    }
+    fn check(&self, setup: &Setup) -> Result<(), String> {
+        Effect::check(self, setup)
     }
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
         Effect::parameters(self, setup)
@@ -163,6 +278,10 @@ pub struct Entry {
     pub id: &'static str,
     /// [`Effect::STAGE`].
     pub stage: Stage,
+    /// [`Effect::NEEDS`].
+    pub needs: &'static [Need],
+    /// [`Effect::ALIASES`].
+    pub aliases: &'static [&'static str],
     source: &'static str,
     make: fn(toml::Table) -> Result<Arc<dyn AnyEffect>, toml::de::Error>,
 }
@@ -171,6 +290,8 @@ const fn entry<E: Effect + DeserializeOwned>(source: &'static str) -> Entry {
     Entry {
         id: E::ID,
         stage: E::STAGE,
+        needs: E::NEEDS,
+        aliases: E::ALIASES,
         source,
         make: |options| Ok(Arc::new(toml::Value::Table(options).try_into::<E>()?)),
     }

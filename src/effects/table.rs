@@ -1,6 +1,7 @@
 //! `[[effect]]` and `[[truth]]` tables: which effect, its options, values for its parameters, what is held.
 
 use super::{AnyEffect, Parameter, find, ids};
+use crate::setup::Setup;
 use std::sync::Arc;
 
 /// Why a table says nothing useful.
@@ -136,8 +137,19 @@ impl Choice {
     /// Gives parameters their values, and holds those to be held.
     ///
     /// # Errors
-    /// For names that the effect does not have on this robot.
-    pub fn apply(&self, file: &str, parameters: &mut [Parameter]) -> Result<(), TableError> {
+    /// For options that do not fit this robot, and names that the effect does not have on this robot.
+    pub fn apply(
+        &self,
+        file: &str,
+        setup: &Setup,
+        parameters: &mut [Parameter],
+    ) -> Result<(), TableError> {
+        self.effect
+            .check(setup)
+            .map_err(|message| TableError::Form {
+                file: file.to_owned(),
+                message: format!("{}: {message}", self.effect.id()),
+            })?;
         let find = |name: &str, parameters: &[Parameter]| {
             let index = parameters.iter().position(|p| p.name == name);
             index.ok_or_else(|| TableError::UnknownParameter {

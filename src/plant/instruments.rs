@@ -2,7 +2,7 @@
 //!
 //! Frames by nalgebra's isometries; the model has its own algebra.
 
-use super::{PlantSpec, State};
+use super::{Command, PlantSpec, State};
 use crate::campaign::{Noise, Wrench};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rand::{Rng, RngExt};
@@ -51,18 +51,32 @@ pub struct Seen {
 /// orientation probe and a wrist sensor.
 ///
 /// Sources: Leica AT500 manual p. 39 and ISO 10360-10:2021 (form of the position errors).
-pub fn read(spec: &PlantSpec, state: &State, target: usize, noise: &Noise, draws: &Draws) -> Seen {
+pub fn read(
+    spec: &PlantSpec,
+    command: &Command,
+    state: &State,
+    target: usize,
+    noise: &Noise,
+    draws: &Draws,
+) -> Seen {
     let (_, link_from_target) = &spec.targets[target];
+    let mut base_from_tracker = spec.base_from_tracker;
+    for law in &spec.tracker_laws {
+        law(command, &mut base_from_tracker);
+    }
     let seen: Isometry3<f64> =
-        spec.base_from_tracker.inverse() * state.base_from_link[target] * link_from_target;
-    let position = seen.translation.vector;
+        base_from_tracker.inverse() * state.base_from_link[target] * link_from_target;
+    let position = seen.translation.vector * (1.0 + spec.tracker_scale);
     let distance = position.norm();
     let across = noise.position + noise.position_per_metre * distance;
     let along = noise.radial + noise.radial_per_metre * distance;
     let beam = position.try_normalize(0.0).unwrap_or_else(Vector3::x);
     let error = draws.position * across + beam * (beam.dot(&draws.position) * (along - across));
     let turn = UnitQuaternion::from_scaled_axis(draws.orientation * noise.orientation);
-    let wrench = state.wrenches[target];
+    let mut wrench = state.wrenches[target];
+    for law in &spec.sensor_laws {
+        law(&mut wrench);
+    }
     Seen {
         position: position + error,
         orientation: turn * seen.rotation,

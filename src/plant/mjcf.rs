@@ -125,6 +125,14 @@ pub(super) fn check(spec: &PlantSpec) -> Result<(), PlantError> {
             Some(_) => {}
         }
     }
+    for (what, value) in [
+        ("an expansion", spec.expansion),
+        ("a tracker scale", spec.tracker_scale),
+    ] {
+        if !value.is_finite() {
+            return wrong(format!("{what} of {value}"));
+        }
+    }
     if !spec.gravity.iter().all(|x| x.is_finite()) {
         return wrong("gravity is not finite".to_owned());
     }
@@ -134,6 +142,26 @@ pub(super) fn check(spec: &PlantSpec) -> Result<(), PlantError> {
 /// Name of the MuJoCo body that has the mass and carries the links.
 pub(super) fn body_name(spec: &PlantSpec, body: usize) -> String {
     format!("body_{body}_{}", tame(&spec.robot.bodies[body].name))
+}
+
+/// Name of the MuJoCo body that a body's joint moves: itself, or one before it where something lies between.
+pub(super) fn moved_name(spec: &PlantSpec, body: usize) -> String {
+    if is_plain(spec, body) {
+        body_name(spec, body)
+    } else {
+        format!("moved_{body}")
+    }
+}
+
+/// Is a body just where its joint moves it?
+fn is_plain(spec: &PlantSpec, body: usize) -> bool {
+    let behind = |flexure: &super::Flexure| flexure.carries == Carried::Body(body);
+    spec.body_from_displaced[body] == Isometry3::identity() && !spec.flexures.iter().any(behind)
+}
+
+/// Name of a flexure's body.
+pub(super) fn flexure_name(flexure: usize) -> String {
+    format!("flexure_{flexure}")
 }
 
 /// Name of the hinge or slide.
@@ -159,21 +187,12 @@ fn body(spec: &PlantSpec, index: usize, text: &mut String) {
     let mut open = 1;
     let mut pose = Isometry3::identity();
     // One more body only where something is displaced or gives way: the innermost has the mass.
-    let plain = spec.body_from_displaced[index] == Isometry3::identity()
-        && !spec
-            .flexures
-            .iter()
-            .any(|flexure| flexure.carries == Carried::Body(index));
+    let plain = is_plain(spec, index);
     if let Some(number) = index.checked_sub(1) {
         let joint = &spec.robot.joints[number];
         pose = joint.parent_from_joint;
         flexures(spec, Carried::Joint(number), &mut pose, &mut open, text);
-        let name = if plain {
-            body_name(spec, index)
-        } else {
-            format!("moved_{index}")
-        };
-        open_body(&name, &pose, text);
+        open_body(&moved_name(spec, index), &pose, text);
         if !plain {
             inertial(TOKEN_MASS, &Vector3::zeros(), text);
         }
@@ -234,7 +253,7 @@ fn flexures(
         if flexure.carries != place {
             continue;
         }
-        open_body(&format!("flexure_{index}"), &(*pose * flexure.pivot), text);
+        open_body(&flexure_name(index), &(*pose * flexure.pivot), text);
         inertial(TOKEN_MASS, &Vector3::zeros(), text);
         *open += 1;
         for (axis, stiffness) in flexure.stiffness.iter().enumerate() {

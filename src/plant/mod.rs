@@ -7,13 +7,18 @@
 //! on the command alone, not on what was asked before, and comes out the same to the last bit on any
 //! thread.
 
+mod expansion;
 pub mod instruments;
+pub mod laws;
 pub mod mjcf;
 mod statics;
+mod windup;
 
 use crate::campaign::Wrench;
 use crate::mujoco::{Data, JointAddress, Kind, Model, MujocoError};
 use crate::robot::{JointKind, Robot};
+use expansion::Growing;
+pub use laws::{CommandLaw, LoadLaw, SensorLaw, TorqueLaw, TrackerLaw, WindupLaw};
 use nalgebra::{Isometry3, Vector3};
 use statics::Spring;
 use std::sync::Arc;
@@ -34,12 +39,24 @@ pub struct PlantSpec {
     pub command_laws: Vec<CommandLaw>,
     /// Torques beside the springs', re-evaluated within the static solve.
     pub torque_laws: Vec<TorqueLaw>,
+    /// How joints wind up under the torque they bear, whether sprung or not.
+    pub windup_laws: Vec<WindupLaw>,
+    /// From the loads that a command states to those that hang there.
+    pub load_laws: Vec<LoadLaw>,
+    /// Linear expansion of every body, 1/K.
+    pub expansion: f64,
     /// Gravity in the base frame, m/s².
     pub gravity: Vector3<f64>,
     /// By target: link index and the target's pose in it.
     pub targets: Vec<(usize, Isometry3<f64>)>,
     /// Where the tracker stands.
     pub base_from_tracker: Isometry3<f64>,
+    /// How it moves while it stands there.
+    pub tracker_laws: Vec<TrackerLaw>,
+    /// By which share the tracker's distances are too long.
+    pub tracker_scale: f64,
+    /// From the wrench on a wrist to what its sensor says.
+    pub sensor_laws: Vec<SensorLaw>,
 }
 
 /// A sprung connection where the nominal robot is rigid: three small rotations and three small
@@ -74,6 +91,10 @@ pub struct Command {
     pub approach: Vec<f64>,
     /// What hangs on the targets' links.
     pub loads: Vec<Load>,
+    /// Time from the middle of the campaign, s.
+    pub time: f64,
+    /// Temperature above the campaign's mean, K.
+    pub temperature: f64,
 }
 
 /// A dead weight on a target's link, and a pull in the base frame at its centre.
@@ -88,13 +109,6 @@ pub struct Load {
     /// Force at that centre, in the base frame, N (a rope over a pulley).
     pub pull: Vector3<f64>,
 }
-
-/// Adds to the joint angles that a command asks for: `law(command, angles)`.
-pub type CommandLaw = Arc<dyn Fn(&Command, &mut [f64]) + Send + Sync>;
-
-/// Adds to the torques on the joints, N·m (N): `law(rest, angles, torques)`, all by joint, where `rest` is
-/// the command after its laws and `angles` where the joints are. On rigid joints it does nothing.
-pub type TorqueLaw = Arc<dyn Fn(&[f64], &[f64], &mut [f64]) + Send + Sync>;
 
 /// The robot at rest under a command.
 #[derive(Debug, Clone, PartialEq)]
@@ -176,12 +190,18 @@ impl PlantSpec {
             flexures: Vec::new(),
             command_laws: Vec::new(),
             torque_laws: Vec::new(),
+            windup_laws: Vec::new(),
+            load_laws: Vec::new(),
+            expansion: 0.0,
             gravity,
             targets: targets
                 .into_iter()
                 .map(|link| (link, Isometry3::identity()))
                 .collect(),
             base_from_tracker: Isometry3::identity(),
+            tracker_laws: Vec::new(),
+            tracker_scale: 0.0,
+            sensor_laws: Vec::new(),
         }
     }
 }
@@ -199,6 +219,9 @@ struct Layout {
     targets: Vec<TargetIds>,
     command_laws: Vec<CommandLaw>,
     torque_laws: Vec<TorqueLaw>,
+    windup_laws: Vec<WindupLaw>,
+    load_laws: Vec<LoadLaw>,
+    growing: Vec<Growing>,
 }
 
 struct TargetIds {
@@ -269,19 +292,35 @@ impl Plant {
                 "a law makes an angle of {angle}"
             )));
         }
+        expansion::grow(&mut self.data, &layout.growing, command.temperature)?;
+        let hanging = self.hang(command)?;
+        let torques = if layout.windup_laws.is_empty() {
+            self.settle(&rest, &rest, &hanging)?
+        } else {
+            self.wind_up(command, &rest, &hanging)?
+        };
+        self.read(&hanging, &torques)
+    }
+
+    /// Static equilibrium with the springs at rest at `at`; the torques of the laws for a command `rest`.
+    fn settle(
+        &mut self,
+        at: &[f64],
+        rest: &[f64],
+        hanging: &[Hanging],
+    ) -> Result<Vec<f64>, PlantError> {
+        let layout = Arc::clone(&self.layout);
         // Flexures rest at zero, joints at their command.
         self.data.qpos_mut().fill(0.0);
-        for (joint, &angle) in layout.joints.iter().zip(&rest) {
+        for (joint, &angle) in layout.joints.iter().zip(at) {
             self.data.qpos_mut()[joint.qpos] = angle;
             self.data.qpos_spring_mut()[joint.qpos] = angle;
         }
-        let hanging = self.hang(command)?;
-
-        let mut angles = rest.clone();
+        let mut angles = rest.to_vec();
         let mut torques = vec![0.0; rest.len()];
         statics::solve(&mut self.data, &layout.springs, |data| {
             data.qfrc_applied_mut().fill(0.0);
-            for (target, hanging) in layout.targets.iter().zip(&hanging) {
+            for (target, hanging) in layout.targets.iter().zip(hanging) {
                 for (point, force) in &hanging.pulls {
                     let point = data.body_pose(target.load)? * nalgebra::Point3::from(*point);
                     data.apply_force(target.load, &point.coords, force, &Vector3::zeros())?;
@@ -293,7 +332,7 @@ impl Plant {
                 }
                 torques.fill(0.0);
                 for law in &layout.torque_laws {
-                    law(&rest, &angles, &mut torques);
+                    law(rest, &angles, &mut torques);
                 }
                 for (torque, joint) in torques.iter().zip(&layout.joints) {
                     data.qfrc_applied_mut()[joint.dof] += torque;
@@ -301,8 +340,7 @@ impl Plant {
             }
             Ok(())
         })?;
-
-        self.read(&hanging, &torques)
+        Ok(torques)
     }
 
     /// The largest torque, N·m (N), that MuJoCo's whole inverse dynamics finds missing from equilibrium at
@@ -320,10 +358,17 @@ impl Plant {
     /// Sets what hangs on every target, also where it is nothing.
     fn hang(&mut self, command: &Command) -> Result<Vec<Hanging>, PlantError> {
         let layout = Arc::clone(&self.layout);
+        let mut loads = command.loads.clone();
+        for load in &mut loads {
+            for law in &layout.load_laws {
+                law(command, load);
+            }
+        }
+        layout.check_loads(&loads)?;
         let mut all = Vec::with_capacity(layout.targets.len());
         for (index, target) in layout.targets.iter().enumerate() {
             let mut hanging = Hanging::default();
-            for load in command.loads.iter().filter(|load| load.target == index) {
+            for load in loads.iter().filter(|load| load.target == index) {
                 let mass = hanging.mass + load.mass;
                 hanging.com = if mass > 0.0 {
                     (hanging.com * hanging.mass + load.com * load.mass) / mass
@@ -438,6 +483,9 @@ impl Layout {
             targets,
             command_laws: spec.command_laws.clone(),
             torque_laws: spec.torque_laws.clone(),
+            windup_laws: spec.windup_laws.clone(),
+            load_laws: spec.load_laws.clone(),
+            growing: expansion::find(spec, model)?,
         })
     }
 
@@ -455,7 +503,17 @@ impl Layout {
                 return wrong(format!("{value} among the {what}"));
             }
         }
-        for load in &command.loads {
+        for (what, value) in [("time", command.time), ("temperature", command.temperature)] {
+            if !value.is_finite() {
+                return wrong(format!("{what} is {value}"));
+            }
+        }
+        self.check_loads(&command.loads)
+    }
+
+    fn check_loads(&self, loads: &[Load]) -> Result<(), PlantError> {
+        let wrong = |what: String| Err(PlantError::Command(what));
+        for load in loads {
             if load.target >= self.targets.len() {
                 return wrong(format!(
                     "a load on target {} of {}",

@@ -30,6 +30,26 @@ pub struct Design {
     pub least_height: f64,
     /// Joints that stay where they are: (index, angle).
     pub fixed: Vec<(usize, f64)>,
+    /// The robot's temperature, if it is measured.
+    pub temperature: Option<WarmUp>,
+}
+
+/// A robot that warms up from its start: `start + rise (1 - exp(-t / time))`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WarmUp {
+    /// Temperature at the first reading, °C.
+    pub start: f64,
+    /// How much warmer it gets in the end, K.
+    pub rise: f64,
+    /// Time constant, s.
+    pub time: f64,
+}
+
+impl WarmUp {
+    /// Temperature at a time from the first reading (s), °C.
+    pub fn at(&self, time: f64) -> f64 {
+        self.start - self.rise * (-time / self.time).exp_m1()
+    }
 }
 
 impl Design {

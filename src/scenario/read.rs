@@ -3,7 +3,7 @@
 //! `robot`, `base`, `gravity`, `[[target]]`, `[frames]` and `[noise]` are written and checked as in a campaign
 //! file; the rest is described in `scenarios/README.md`.
 
-use super::design::{Design, DesignLoad, generator, stream};
+use super::design::{Design, DesignLoad, WarmUp, generator, stream};
 use super::expect::Expect;
 use super::workspace::Workspace;
 use super::{Scenario, ScenarioError, Truth, presets};
@@ -65,6 +65,17 @@ struct DesignEntry {
     least_height_m: f64,
     #[serde(default)]
     fixed_rad: toml::map::Map<String, toml::Value>,
+    temperature: Option<WarmUpEntry>,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(non_snake_case)] // the keys carry their units
+struct WarmUpEntry {
+    #[serde(default = "twenty")]
+    start_degC: f64,
+    warm_up_K: f64,
+    warm_up_s: f64,
 }
 
 #[derive(Debug, Deserialize, Default)]
@@ -107,6 +118,10 @@ struct InstrumentsEntry {
 
 fn one() -> usize {
     1
+}
+
+fn twenty() -> f64 {
+    20.0
 }
 
 fn tenth() -> f64 {
@@ -254,6 +269,17 @@ fn design(entry: &DesignEntry, setup: &Setup) -> Result<Design, String> {
             pull: Vector3::zeros(),
         });
     }
+    let temperature = entry.temperature.as_ref().map(|entry| WarmUp {
+        start: entry.start_degC,
+        rise: entry.warm_up_K,
+        time: entry.warm_up_s,
+    });
+    if let Some(WarmUp { start, rise, time }) = temperature {
+        check(
+            start.is_finite() && rise.is_finite() && time.is_finite() && time > 0.0,
+            "temperature: accepted are finite start_degC and warm_up_K, and warm_up_s above 0",
+        )?;
+    }
     let mut fixed = Vec::new();
     for (name, value) in &entry.fixed_rad {
         let Some(joint) = setup.robot.joint(name) else {
@@ -283,6 +309,7 @@ fn design(entry: &DesignEntry, setup: &Setup) -> Result<Design, String> {
         margin: entry.margin,
         least_height: entry.least_height_m,
         fixed,
+        temperature,
     })
 }
 
@@ -364,7 +391,7 @@ fn truths(
                 "{place}: exponent goes with preset = \"paper\""
             )));
         }
-        choice.apply(file, &mut parameters)?;
+        choice.apply(file, setup, &mut parameters)?;
         for parameter in &mut parameters {
             // drawn for every parameter, so that a value given for one does not move the others
             let draw: f64 = random.sample(StandardNormal);

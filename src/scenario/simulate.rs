@@ -66,6 +66,17 @@ pub fn simulate(
         .enumerate()
         .map(|(index, (visit, draws))| (index, visit, draws))
         .collect();
+    let middle = PACE * visits.len().saturating_sub(1) as f64 / 2.0;
+    let warm_up = scenario.design.temperature;
+    let temperature = |index: usize| warm_up.map(|warm_up| warm_up.at(index as f64 * PACE));
+    let all = (0..visits.len()).filter_map(temperature).sum::<f64>();
+    let mean = all / visits.len().max(1) as f64;
+    let moment = |index: usize| Moment {
+        time: index as f64 * PACE,
+        from_middle: index as f64 * PACE - middle,
+        temperature: temperature(index),
+        above_mean: temperature(index).map_or(0.0, |t| t - mean),
+    };
     let original = std::sync::Mutex::new(original);
     let runs: Vec<Vec<Reading>> = jobs
         .par_chunks(RUN)
@@ -77,7 +88,15 @@ pub fn simulate(
             let mut plant = fork?;
             run.iter()
                 .map(|&(index, visit, draws)| {
-                    let reading = take(scenario, &spec, &mut plant, index, visit, draws);
+                    let reading = take(
+                        scenario,
+                        &spec,
+                        &mut plant,
+                        index,
+                        &moment(index),
+                        visit,
+                        draws,
+                    );
                     on_reading();
                     reading
                 })
@@ -99,12 +118,25 @@ pub fn simulate(
     })
 }
 
+/// When a reading is taken.
+struct Moment {
+    /// From the first reading, s.
+    time: f64,
+    /// From the middle of the campaign, s.
+    from_middle: f64,
+    /// °C, where it is measured.
+    temperature: Option<f64>,
+    /// K.
+    above_mean: f64,
+}
+
 /// Takes one reading.
 fn take(
     scenario: &Scenario,
     spec: &PlantSpec,
     plant: &mut Plant,
     index: usize,
+    moment: &Moment,
     visit: &Visit,
     draws: &Draws,
 ) -> Result<Reading, PlantError> {
@@ -117,9 +149,11 @@ fn take(
             .collect(),
         approach: vec![visit.direction; visit.joints.len()],
         loads: vec![load.on(visit.target)],
+        time: moment.from_middle,
+        temperature: moment.above_mean,
     };
     let state = plant.state(&command)?;
-    let seen = read(spec, &state, visit.target, &scenario.noise, draws);
+    let seen = read(spec, &command, &state, visit.target, &scenario.noise, draws);
     let design = &scenario.design;
     let pulled = design
         .loads
@@ -136,8 +170,8 @@ fn take(
         } else {
             Split::Fit
         },
-        time: Some(index as f64 * PACE),
-        temperature: None,
+        time: Some(moment.time),
+        temperature: moment.temperature,
         link_temperatures: Vec::new(),
         joints: visit.joints.clone(),
         approach: (design.directions > 1).then(|| vec![visit.direction; visit.joints.len()]),

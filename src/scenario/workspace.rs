@@ -160,6 +160,8 @@ fn state(
         joints: joints.to_vec(),
         approach: vec![1.0; joints.len()],
         loads: load.map(|load| load.on(target)).into_iter().collect(),
+        time: 0.0,
+        temperature: 0.0,
     };
     match plant.state(&command) {
         Ok(state) => Ok(Some(state.base_from_link[target] * spec.targets[target].1)),

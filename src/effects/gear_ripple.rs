@@ -1,0 +1,92 @@
+//! Kinematic error of each gear on its input side: many cycles per turn of the joint.
+//!
+//! ## Law
+//! `dq_j = s sin(N q_j) + c cos(N q_j)`, rad, with `N` cycles per output turn. Option `cycles`: one number, or a table by
+//! joint; the wave generator of a strain-wave gear makes two cycles per input turn, so that a gear of ratio 100 makes
+//! 200, which is the default. The number has to be right to a small share of a cycle over the joint's range: where it
+//! is not known, a diagnosis finds it by a scan. Sliding joints have none.
+//!
+//! ## Signature
+//! Periodic in the joint's own angle with so short a period that random poses see noise: the residual is as large between
+//! neighbouring poses as between distant ones, and repeats exactly when a pose is repeated.
+//!
+//! ## Confused with
+//! Noise, as long as `N` is not known. `transmission_error` takes up a little where few angles were measured. A sweep of
+//! one joint in steps of a degree settles it.
+//!
+//! ## Plant
+//! An amplitude and a phase, added to the command before the joint's spring is set to rest there.
+//!
+//! ## Sources
+//! Tuttle, Seering 1996, *A nonlinear model of a harmonic drive gear transmission*, IEEE Trans. Robotics and
+//! Automation 12(3).
+
+use super::options::PerJoint;
+use super::{Effect, Parameter, Stage, turning};
+use crate::dual_quaternion::{Scalar, constant};
+use crate::plant::{PlantError, PlantSpec};
+use crate::posture::Posture;
+use crate::setup::Setup;
+use serde::Deserialize;
+use std::sync::Arc;
+
+/// Ripple of the observed turning joints.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GearRipple {
+    /// Cycles per output turn.
+    cycles: Option<PerJoint>,
+}
+
+/// Two cycles per input turn of a gear of ratio 100.
+const USUAL: f64 = 200.0;
+
+impl GearRipple {
+    fn cycles(&self, setup: &Setup, joint: usize) -> f64 {
+        let given = self.cycles.as_ref();
+        given
+            .and_then(|cycles| cycles.of(&setup.robot.joints[joint].name))
+            .unwrap_or(USUAL)
+    }
+}
+
+impl Effect for GearRipple {
+    const ID: &'static str = "gear_ripple";
+    const STAGE: Stage = Stage::Rigid;
+
+    fn check(&self, setup: &Setup) -> Result<(), String> {
+        PerJoint::check(self.cycles.as_ref(), "cycles", setup)
+    }
+
+    fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
+        let of_joint = |joint: usize| {
+            let name = &setup.robot.joints[joint].name;
+            ["sin", "cos"].map(|term| Parameter::new(format!("{name}.{term}"), "rad", 3e-5))
+        };
+        turning(setup).flat_map(of_joint).collect()
+    }
+
+    fn perturb<S: Scalar>(&self, p: &[S], posture: &mut Posture<'_, S>) {
+        for (joint, p) in turning(posture.setup).zip(p.chunks_exact(2)) {
+            let cycles: S = constant(self.cycles(posture.setup, joint));
+            let (sin, cos) = (posture.q(joint) * cycles).sin_cos();
+            posture.move_joint(joint, p[0] * sin + p[1] * cos);
+        }
+    }
+
+    fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError> {
+        let waves: Vec<(usize, f64, f64, f64)> = turning(setup)
+            .zip(p.chunks_exact(2))
+            .map(|(joint, p)| {
+                let cycles = self.cycles(setup, joint);
+                (joint, cycles, p[0].hypot(p[1]), p[1].atan2(p[0]))
+            })
+            .collect();
+        plant.command_laws.push(Arc::new(move |command, angles| {
+            for &(joint, cycles, amplitude, phase) in &waves {
+                angles[joint] += amplitude * (cycles * command.joints[joint] + phase).sin();
+            }
+        }));
+        Ok(())
+    }
+}
