@@ -315,10 +315,7 @@ fn design(setup: &Setup, random: &mut impl Rng) -> Vec<Reading> {
 }
 
 fn run(campaign: &Campaign, model: &Model) -> Fit {
-    let options = Options {
-        cross_validate: false,
-    };
-    let found = fit(campaign, model, &options, |_| {}).unwrap();
+    let found = try_run(campaign, model);
     assert!(
         found.converged,
         "not converged in {} steps",
@@ -327,18 +324,26 @@ fn run(campaign: &Campaign, model: &Model) -> Fit {
     found
 }
 
+/// A fit that may be of a wrong model, and then need not come to an end.
+fn try_run(campaign: &Campaign, model: &Model) -> Fit {
+    let options = Options {
+        cross_validate: false,
+    };
+    fit(campaign, model, &options, |_| {}).unwrap()
+}
+
 /// A campaign without noise, with the effect in the plant; the instruments' stated noise says how well it is meant.
 ///
 /// An effect on loads also has springs to work through.
 fn campaign_with(setup: &Setup, id: &str, random: &mut impl Rng) -> (Campaign, Vec<Part>) {
-    let mut ids = FRAMES.to_vec();
-    if !FRAMES.contains(&id) {
-        ids.push(id);
-    }
-    let mut parts: Vec<Part> = ids
-        .into_iter()
+    let mut parts = FRAMES
         .map(|id| about_typical(setup, id, 1.0, random))
-        .collect();
+        .into();
+    if !FRAMES.contains(&id) {
+        // a third of its size: what plant and model differ by at second order stays below a micrometre, even on
+        // an arm of a ton that typical springs bend by centimetres
+        Vec::push(&mut parts, about_typical(setup, id, 0.3, random));
+    }
     if effect(id).stage() == Stage::Load {
         parts.push(about_typical(setup, SPRINGS, 0.1, random));
     }
@@ -434,7 +439,7 @@ fn without(setup: &Setup, campaign: &Campaign, parts: &[Part], id: &str) -> Fit 
         .collect();
     let mut model = model_of(setup, &others, id);
     model.hold_known_frames(&campaign);
-    run(&campaign, &model)
+    try_run(&campaign, &model)
 }
 
 #[test]
