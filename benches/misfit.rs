@@ -8,7 +8,7 @@
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use misfit::campaign::{Campaign, Split};
 use misfit::fit::{Options, fit};
-use misfit::model::{Model, Rows6, Workspace};
+use misfit::model::{Model, Rows, Workspace};
 use misfit::model_file;
 use misfit::plant::{Command, Plant};
 use misfit::scenario::{Scenario, design, simulate};
@@ -55,7 +55,7 @@ fn model(c: &mut Criterion) {
     let p = true_values(&scenario, &model);
     let wanted = vec![true; p.len()];
     let mut workspace = Workspace::new(&model.setup);
-    let mut jacobian = Rows6::zeros(p.len());
+    let mut jacobian = Rows::zeros(p.len());
     let mut group = c.benchmark_group("sda5f, both arms, default model");
     let readings = &campaign.readings;
     group.throughput(Throughput::Elements(readings.len() as u64));

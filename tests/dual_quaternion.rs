@@ -2,7 +2,7 @@
 
 use crate::common::{random, sda5f};
 use misfit::dual_quaternion::{DualQuaternion, Scalar, Vector8, rotation_exp, rotation_vector};
-use misfit::posture::displacement_count;
+use misfit::posture::{Kind, Slots};
 use misfit::statics::Statics;
 use nalgebra::{Isometry3, Matrix6, Quaternion, SMatrix, SVector, Vector3, Vector6};
 use num_dual::{Derivative, DualSVec64};
@@ -241,7 +241,7 @@ fn virtual_work_needs_the_right_eight_forces() {
     let setup = sda5f();
     let mut random = random(4);
     let mut statics = Statics::new(&setup);
-    let still = vec![0.0; displacement_count(&setup)];
+    let still = vec![0.0; Slots::of(&setup).count];
     let chain = setup.robot.chain(setup.target_body(0));
     let (mut worst, mut naive) = (0.0f64, [f64::INFINITY; 2]);
     for _ in 0..50 {
@@ -252,7 +252,8 @@ fn virtual_work_needs_the_right_eight_forces() {
         let eight_rows = SMatrix::<f64, 8, 8>::from_fn(|row, k| derivatives(&moved[row])[k]);
         statics.place(&setup, &joints, &still);
         let six_rows = SMatrix::<f64, 6, 8>::from_fn(|row, k| {
-            let screw = statics.screw(&setup, chain[k], &still);
+            let screw = statics.screw(&setup, Kind::Joint(chain[k]), &still);
+            let screw = screw.unwrap();
             if row < 3 {
                 screw.at(&pose.translation())[row]
             } else {

@@ -3,7 +3,7 @@
 use crate::common::{apart, bodies, file, link_pose, posture, random, sda5f};
 use misfit::mujoco::{Data, Kind, Model};
 use misfit::plant::{Command, Plant, PlantSpec, mjcf};
-use misfit::posture::displacement_count;
+use misfit::posture::{self, Slots};
 use misfit::robot::Robot;
 use misfit::setup::Setup;
 use misfit::statics::Statics;
@@ -22,7 +22,7 @@ impl Placed {
     fn new(setup: &Setup) -> Self {
         Self {
             statics: Statics::new(setup),
-            still: vec![0.0; displacement_count(setup)],
+            still: vec![0.0; Slots::of(setup).count],
         }
     }
 
@@ -157,7 +157,11 @@ fn screws_are_mujocos_jacobian() {
             let point = link_pose(&setup, target, &joints).translation.vector;
             let (translation, rotation) = mujoco.site_jacobian(site).unwrap();
             for (joint, address) in addresses.iter().enumerate() {
-                let screw = placed.statics.screw(&setup, joint, &placed.still);
+                let screw =
+                    placed
+                        .statics
+                        .screw(&setup, posture::Kind::Joint(joint), &placed.still);
+                let screw = screw.unwrap();
                 let carried = placed.statics.carries(joint + 1, setup.target_body(target));
                 let share = if carried { 1.0 } else { 0.0 };
                 let linear = screw.at(&point) * share - translation.column(address.dof);

@@ -62,7 +62,15 @@ impl Effect for GravityBacklash {
         let scale: S = constant(1.0 / self.transition);
         for (&joint, &half) in posture.setup.observed.iter().zip(p) {
             let torque = posture.torque(joint);
-            posture.move_joint(joint, half * (torque * scale).tanh());
+            // a hyperbolic tangent that does not overflow
+            let (size, side) = if torque < S::zero() {
+                (-torque * scale, -S::one())
+            } else {
+                (torque * scale, S::one())
+            };
+            let rest = (size * constant(-2.0)).exp();
+            let tanh = side * (S::one() - rest) / (S::one() + rest);
+            posture.move_joint(joint, half * tanh);
         }
     }
 
@@ -72,9 +80,7 @@ impl Effect for GravityBacklash {
         let transition = self.transition;
         plant.windup_laws.push(Arc::new(move |_, torques, angles| {
             for &(joint, half) in &play {
-                let other = (-2.0 * torques[joint].abs() / transition).exp();
-                let seated = (1.0 - other) / (1.0 + other);
-                angles[joint] += half * seated.copysign(torques[joint]);
+                angles[joint] += half * (torques[joint] / transition).tanh();
             }
         }));
         Ok(())

@@ -66,7 +66,7 @@ impl Effect for LinkFlexibility {
         beams
             .map(|(joint, _)| {
                 let name = &setup.robot.joints[joint].name;
-                Parameter::new(name, "1/(N·m²)", 1e-5).at_least(0.0)
+                Parameter::new(name, "1/(N·m²)", 3e-6).at_least(0.0)
             })
             .collect()
     }
