@@ -255,12 +255,13 @@ fn analyse_again(analysis: &Analysis) -> Look {
         .filter(|c| c.p_value < families && c.log_evidence > 0.0)
         .collect();
     let best = sure.first().copied();
+    // near in evidence, or known beforehand to imitate the best exactly
     let near = |best: &Candidate| {
-        let close = sure.iter();
-        close
-            .filter(|c| c.log_evidence > best.log_evidence - NEAR)
-            .map(|c| c.effect)
-            .collect()
+        let known = crate::effects::find(best.effect).map_or(&[][..], |entry| entry.aliases);
+        let close = |c: &&&Candidate| {
+            c.log_evidence > best.log_evidence - NEAR || known.contains(&c.effect)
+        };
+        sure.iter().filter(close).map(|c| c.effect).collect()
     };
     Look {
         alarm: best.is_some() || least < ALARM / tests,
@@ -305,13 +306,18 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
     let mut cannot_see = Vec::new();
     for (effect, columns) in families {
         let score = gram.score(columns, against.variance);
-        if score.expected < VISIBLE || score.dof == 0 {
+        let lacks = crate::effects::find(effect).and_then(|entry| {
+            let lacking = entry.needs.iter().find(|need| !need.is_met(campaign));
+            lacking.map(|need| need.sentence().to_owned())
+        });
+        if lacks.is_some() || score.expected < VISIBLE || score.dof == 0 {
+            let faint = format!(
+                "a typical size would show with λ = {:.1}; {VISIBLE} is needed",
+                score.expected
+            );
             cannot_see.push(CannotSee {
                 effect,
-                why: format!(
-                    "a typical size would show with λ = {:.1}; {VISIBLE} is needed",
-                    score.expected
-                ),
+                why: lacks.unwrap_or(faint),
             });
             continue;
         }

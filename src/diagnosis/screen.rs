@@ -1,6 +1,7 @@
-//! Readings that do not belong: single ones far from the others of their pose.
+//! Readings that do not belong: single ones far from the others of their pose and load.
 //!
-//! Two in a hundred of them at ten sigma would make 93 % false alarms.
+//! Two in a hundred of them at ten sigma would make 93 % false alarms. Readings of another load are no measure:
+//! beside the unloaded ones of a pose, those under a payload of the wrong mass would all look like outliers.
 
 use crate::campaign::Reading;
 use crate::fit::pose_key;
@@ -8,14 +9,18 @@ use std::collections::BTreeMap;
 
 /// Rejected from this mean square of whitened rows on ...
 const FAR: f64 = 12.0;
-/// ... if it is as many times that of the middle reading of its pose.
+/// ... if it is as many times that of the middle reading of its group.
 const ALONE: f64 = 6.0;
+
+/// More than this share of the readings is no accident: then none is an outlier.
+const FEW: f64 = 0.1;
 
 /// Indices of outliers. `squares` is the mean square of each reading's whitened residual rows.
 pub fn outliers(readings: &[&Reading], squares: &[f64]) -> Vec<usize> {
     let mut groups: BTreeMap<_, Vec<usize>> = BTreeMap::new();
     for (index, reading) in readings.iter().enumerate() {
-        let key = (reading.target, pose_key(reading));
+        let load = reading.payload.map(|payload| payload.mass.to_bits());
+        let key = (reading.target, pose_key(reading), load);
         groups.entry(key).or_default().push(index);
     }
     let mut found = Vec::new();
@@ -29,6 +34,9 @@ pub fn outliers(readings: &[&Reading], squares: &[f64]) -> Vec<usize> {
         let middle = sorted[(sorted.len() - 1) / 2];
         let far = |&&i: &&usize| squares[i] > FAR && squares[i] > ALONE * middle;
         found.extend(group.iter().filter(far).copied());
+    }
+    if found.len() as f64 > FEW * readings.len() as f64 {
+        return Vec::new();
     }
     found.sort_unstable();
     found

@@ -134,9 +134,10 @@ pub fn text(campaign: &Campaign, diagnosis: &Diagnosis) -> String {
         let _ = writeln!(out, "{}", wrap(&line, 12));
     }
     if !diagnosis.cannot_see.is_empty() {
-        let blind: Vec<&str> = diagnosis.cannot_see.iter().map(|c| c.effect).collect();
-        let line = format!("cannot see  {}", blind.join(", "));
-        let _ = writeln!(out, "{}", wrap(&line, 12));
+        let _ = writeln!(out, "cannot see");
+        for row in &diagnosis.cannot_see {
+            let _ = writeln!(out, "{}", wrap(&format!("  {} · {}", row.effect, row.why), 4));
+        }
     }
     out
 }
