@@ -8,6 +8,7 @@ mod dual_quaternion;
 mod effects;
 mod equilibrium;
 mod fit;
+mod house;
 mod kinematics;
 mod plant;
 mod recording;
