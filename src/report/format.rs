@@ -15,6 +15,9 @@ pub fn significant(value: f64, digits: usize) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }
+    if value.is_nan() {
+        return "—".to_owned();
+    }
     if !value.is_finite() {
         return value.to_string();
     }
@@ -29,7 +32,9 @@ pub fn significant(value: f64, digits: usize) -> String {
 /// A length in mm; µm below a hundredth of one, nm below a thousandth of that. Picometres are rounding.
 pub fn length(metres: f64) -> String {
     let size = metres.abs();
-    if size > 0.0 && size < 1e-12 {
+    if size.is_nan() {
+        "—".to_owned()
+    } else if size > 0.0 && size < 1e-12 {
         "< 0.001 nm".to_owned()
     } else if size >= 1e-5 || size == 0.0 {
         format!("{} mm", number(metres * 1e3))
@@ -43,7 +48,9 @@ pub fn length(metres: f64) -> String {
 /// An angle in mrad; µrad below a tenth of one. Picoradians are rounding.
 pub fn angle(radians: f64) -> String {
     let size = radians.abs();
-    if size > 0.0 && size < 1e-12 {
+    if size.is_nan() {
+        "—".to_owned()
+    } else if size > 0.0 && size < 1e-12 {
         "< 0.001 nrad".to_owned()
     } else if size >= 1e-4 || size == 0.0 {
         format!("{} mrad", number(radians * 1e3))
