@@ -4,6 +4,12 @@
 
 mod campaign;
 mod cli;
+mod common;
+mod dual_quaternion;
+mod effects;
+mod equilibrium;
+mod fit;
+mod kinematics;
 mod plant;
 mod recording;
 mod robot;

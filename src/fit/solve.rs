@@ -20,9 +20,11 @@ const SMALL_STEP: f64 = 1e-4;
 /// Or lower the cost by less than this share of it.
 const SMALL_GAIN: f64 = 1e-12;
 const ITERATIONS: usize = 50;
-const DAMPINGS: usize = 12;
-/// First damping tried, as a share of the squared norm of the scaled Jacobian.
-const LEAST_DAMPING: f64 = 1e-8;
+/// Enough to reach the strongest directions there are, `s = 1e10`: each is ten times the one before.
+const DAMPINGS: usize = 24;
+/// First damping tried: it stops the weakest directions that count, where a full step goes too far first. A
+/// share of the strongest would hold all others fast, and the fit would creep.
+const LEAST_DAMPING: f64 = WEAK * WEAK;
 
 /// A problem at one point, reduced: `‖r + J x‖² = ‖R x + z‖² + rest`, `x` in typical sizes.
 #[derive(Debug, Clone)]
@@ -92,7 +94,6 @@ pub fn solve(
         if !cost.is_finite() {
             return stop(problem, p, linear, false, iteration);
         }
-        let least = LEAST_DAMPING * whole.factor.norm_squared();
         let gain_of = |step: &DVector<f64>| {
             cost - (&whole.factor * step + &whole.right).norm_squared() - whole.rest
         };
@@ -106,7 +107,7 @@ pub fn solve(
             }
             let reached = problem.cost(&next) + distance(problem, &next, &centre);
             if reached < cost {
-                damping = if damping > 10.0 * least && reached < cost - 0.25 * gain {
+                damping = if damping > 10.0 * LEAST_DAMPING && reached < cost - 0.25 * gain {
                     damping * 0.1
                 } else {
                     0.0
@@ -114,7 +115,7 @@ pub fn solve(
                 accepted = Some(next);
                 break;
             }
-            damping = (damping * 10.0).max(least);
+            damping = (damping * 10.0).max(LEAST_DAMPING);
         }
         match accepted {
             Some(next) => {

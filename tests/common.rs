@@ -1,0 +1,343 @@
+//! What several modules of tests share: robots, random postures, readings, and plant and model of one truth.
+
+use misfit::campaign::{Campaign, Frame, Noise, Payload, Reading, RobotFile, Split, Target};
+use misfit::effects::{self, AnyEffect};
+use misfit::model::{Model, Prediction, Workspace};
+use misfit::plant::instruments::{Draws, Seen, read};
+use misfit::plant::{Command, Load, Plant, PlantSpec, State};
+use misfit::robot::{JointKind, Robot};
+use misfit::setup::Setup;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::f64::consts::PI;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+pub fn file(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+pub fn random(seed: u64) -> Pcg64Mcg {
+    Pcg64Mcg::seed_from_u64(seed)
+}
+
+pub fn gravity() -> Vector3<f64> {
+    Vector3::new(0.0, 0.0, -9.81)
+}
+
+/// A robot with targets at the origins of these links.
+pub fn setup(robot: Robot, links: &[&str]) -> Setup {
+    let targets = links.iter().map(|link| Target {
+        name: link.split('_').next().unwrap().to_owned(),
+        link: robot.link(link).unwrap(),
+    });
+    let targets = targets.collect();
+    Setup::new(robot, targets, gravity())
+}
+
+/// Both arms of the SDA5F, a target `r1` and a target `r2` on their flanges.
+pub fn sda5f() -> Setup {
+    let robot = Robot::load(&file("models/sda5f/sda5f.urdf"), None).unwrap();
+    setup(robot, &["r1_flange", "r2_flange"])
+}
+
+/// An ordinary arm of six joints.
+pub fn six_axis() -> Setup {
+    let robot = Robot::load(&file("models/six_axis/six_axis.urdf"), None).unwrap();
+    setup(robot, &["flange"])
+}
+
+/// A small arm, one joint of which slides, and not along gravity.
+pub fn sliding() -> Setup {
+    let joints = [
+        ("turn", "revolute", "0 0 0.4", "0.1 0 0", "0 0 1", 2.5, 4.0),
+        (
+            "lift",
+            "revolute",
+            "0.1 0 0.2",
+            "0 0.3 0",
+            "0 1 0",
+            1.2,
+            3.0,
+        ),
+        (
+            "slide",
+            "prismatic",
+            "0.2 0 0.1",
+            "0.2 -0.4 0",
+            "1 0 0",
+            0.3,
+            2.0,
+        ),
+        (
+            "wrist",
+            "revolute",
+            "0.3 0.05 0",
+            "0 0 0.5",
+            "0 1 0",
+            2.0,
+            1.0,
+        ),
+        (
+            "roll",
+            "continuous",
+            "0.1 0 0.02",
+            "0 0 0",
+            "1 0 0",
+            3.0,
+            0.5,
+        ),
+    ];
+    let mut urdf = "<robot name='sliding'><link name='base'/>".to_owned();
+    let mut parent = "base".to_owned();
+    for (name, kind, xyz, rpy, axis, limit, mass) in joints {
+        urdf += &format!(
+            "<joint name='{name}' type='{kind}'><parent link='{parent}'/><child link='{name}_link'/>\
+             <origin xyz='{xyz}' rpy='{rpy}'/><axis xyz='{axis}'/>\
+             <limit lower='-{limit}' upper='{limit}' effort='1' velocity='1'/></joint>\
+             <link name='{name}_link'><inertial><origin xyz='0.05 0.02 0.03'/><mass value='{mass}'/>\
+             <inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/></inertial></link>"
+        );
+        parent = format!("{name}_link");
+    }
+    urdf += "<joint name='mount' type='fixed'><parent link='roll_link'/><child link='tip'/>\
+             <origin xyz='0.08 0.01 0.02' rpy='0.3 -0.2 0.1'/></joint><link name='tip'/></robot>";
+    setup(Robot::parse("sliding.urdf", &urdf, None).unwrap(), &["tip"])
+}
+
+/// Random angles within the limits, a full turn where there are none.
+pub fn posture(robot: &Robot, random: &mut impl Rng) -> Vec<f64> {
+    let angle = |joint: &misfit::robot::Joint| {
+        let (lower, upper) = joint.limits.unwrap_or((-PI, PI));
+        random.random_range(lower..upper)
+    };
+    robot.joints.iter().map(angle).collect()
+}
+
+/// A vector with components from -1 to 1.
+pub fn vector(random: &mut impl Rng) -> Vector3<f64> {
+    Vector3::from_fn(|_, _| random.random_range(-1.0..1.0))
+}
+
+/// A rigid motion up to 3 m along each axis, turned anyhow.
+pub fn motion(random: &mut impl Rng) -> Isometry3<f64> {
+    Isometry3::new(
+        vector(random) * 3.0,
+        vector(random).normalize() * random.random_range(0.0..PI),
+    )
+}
+
+/// Poses of all bodies in the base frame: nalgebra's isometries, one after the other.
+pub fn bodies(robot: &Robot, q: &[f64]) -> Vec<Isometry3<f64>> {
+    let mut poses = vec![Isometry3::identity()];
+    for (joint, &q) in robot.joints.iter().zip(q) {
+        let motion = match joint.kind {
+            JointKind::Prismatic => Translation3::from(joint.axis.into_inner() * q).into(),
+            _ => Isometry3::from_parts(
+                Translation3::identity(),
+                UnitQuaternion::from_axis_angle(&joint.axis, q),
+            ),
+        };
+        poses.push(poses[joint.parent] * joint.parent_from_joint * motion);
+    }
+    poses
+}
+
+/// Pose of a target's link in the base frame.
+pub fn link_pose(setup: &Setup, target: usize, q: &[f64]) -> Isometry3<f64> {
+    let link = &setup.robot.links[setup.targets[target].link];
+    bodies(&setup.robot, q)[link.body] * link.body_from_link
+}
+
+/// How far apart two poses are: m, rad. Exact for small angles, where an arc cosine is not.
+pub fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> (f64, f64) {
+    let turn = a.rotation.inverse() * b.rotation;
+    (
+        (a.translation.vector - b.translation.vector).norm(),
+        2.0 * turn.imag().norm().min(1.0).asin(),
+    )
+}
+
+/// A reading of nothing yet: only where the joints are.
+pub fn reading(target: usize, joints: Vec<f64>) -> Reading {
+    Reading {
+        line: 2,
+        pose: None,
+        repeat: None,
+        target,
+        split: Split::Fit,
+        time: None,
+        temperature: None,
+        link_temperatures: Vec::new(),
+        joints,
+        approach: None,
+        position: Vector3::zeros(),
+        orientation: None,
+        wrench: None,
+        payload: None,
+    }
+}
+
+/// 5 kg, or another mass, with its centre off every axis.
+pub fn payload(mass: f64) -> Payload {
+    Payload {
+        mass,
+        com: Vector3::new(0.05, -0.02, 0.06),
+    }
+}
+
+/// An effect of the catalogue with default options.
+pub fn effect(id: &str) -> Arc<dyn AnyEffect> {
+    let entry = effects::find(id).unwrap_or_else(|| panic!("no effect {id}"));
+    entry.make(toml::Table::new()).unwrap_or_else(|error| {
+        panic!("{id} needs options: give the contract some to run it with ({error})")
+    })
+}
+
+/// An effect with values for all its parameters.
+pub struct Part {
+    pub effect: Arc<dyn AnyEffect>,
+    pub values: Vec<f64>,
+}
+
+/// Springs of these stiffnesses (N·m/rad), the same on each target's chain from the base on.
+pub fn springs(setup: &Setup, stiffness: &[f64]) -> Part {
+    let effect = effect("joint_compliance");
+    let mut compliance = vec![0.0; setup.robot.joints.len()];
+    for target in 0..setup.targets.len() {
+        let chain = setup.robot.chain(setup.target_body(target));
+        for (joint, k) in chain.into_iter().zip(stiffness) {
+            compliance[joint] = 1.0 / k;
+        }
+    }
+    let values = setup
+        .observed
+        .iter()
+        .map(|&joint| compliance[joint])
+        .collect();
+    Part { effect, values }
+}
+
+/// Values about the typical sizes of an effect's parameters, within their bounds.
+pub fn about_typical(setup: &Setup, id: &str, size: f64, random: &mut impl Rng) -> Part {
+    let effect = effect(id);
+    let values = effect.parameters(setup).into_iter().map(|parameter| {
+        let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
+        let value = size * parameter.typical * random.random_range(0.5..1.5) * sign;
+        let fits = value >= parameter.lower && value <= parameter.upper;
+        if fits { value } else { -value }
+    });
+    let values = values.collect();
+    Part { effect, values }
+}
+
+/// The same truth twice: as a model with its parameters, and as a plant.
+pub struct Twins {
+    pub model: Model,
+    pub p: Vec<f64>,
+    pub spec: PlantSpec,
+    pub plant: Plant,
+    workspace: Workspace,
+}
+
+impl Twins {
+    pub fn new(setup: &Setup, parts: &[Part]) -> Self {
+        let effects: Vec<_> = parts.iter().map(|part| part.effect.clone()).collect();
+        let model = Model::new(setup.clone(), &effects);
+        let p = parts.iter().flat_map(|part| part.values.clone()).collect();
+        let links = setup.targets.iter().map(|target| target.link).collect();
+        let mut spec = PlantSpec::new(&setup.robot, links, setup.gravity);
+        for part in parts {
+            part.effect.install(&part.values, setup, &mut spec).unwrap();
+        }
+        Self {
+            workspace: Workspace::new(setup),
+            plant: Plant::build(&spec).unwrap(),
+            model,
+            p,
+            spec,
+        }
+    }
+
+    pub fn predict(&mut self, reading: &Reading) -> Prediction {
+        let prediction = self.workspace.predict(&self.model, &self.p, reading);
+        assert!(prediction.settled);
+        prediction
+    }
+
+    /// What the plant's instruments say without noise, and its state.
+    pub fn measure(&mut self, reading: &Reading) -> (Seen, State) {
+        let joints = reading.joints.len();
+        let load = reading.payload.map(|payload| Load {
+            target: reading.target,
+            mass: payload.mass,
+            com: payload.com,
+            pull: Vector3::zeros(),
+        });
+        let command = Command {
+            joints: reading.joints.clone(),
+            approach: reading
+                .approach
+                .clone()
+                .unwrap_or_else(|| vec![0.0; joints]),
+            loads: load.into_iter().collect(),
+        };
+        let state = self.plant.state(&command).unwrap();
+        let draws = Draws::new(joints, &mut random(0));
+        let seen = read(
+            &self.spec,
+            &state,
+            reading.target,
+            &Noise::default(),
+            &draws,
+        );
+        (seen, state)
+    }
+
+    /// How far prediction and measurement are apart: m, rad.
+    pub fn gap(&mut self, reading: &Reading) -> (f64, f64) {
+        let predicted = pose_of(&self.predict(reading));
+        apart(&predicted, &pose_seen(&self.measure(reading).0))
+    }
+
+    /// Measures a list of readings into a campaign that knows no frame and no noise.
+    pub fn campaign(&mut self, mut readings: Vec<Reading>) -> Campaign {
+        for reading in &mut readings {
+            let (seen, _) = self.measure(reading);
+            reading.position = seen.position;
+            reading.orientation = Some(seen.orientation);
+        }
+        campaign(&self.model.setup, readings)
+    }
+}
+
+/// tracker_from_target as predicted.
+pub fn pose_of(prediction: &Prediction) -> Isometry3<f64> {
+    Isometry3::from_parts(prediction.position.into(), prediction.orientation)
+}
+
+/// tracker_from_target as measured.
+pub fn pose_seen(seen: &Seen) -> Isometry3<f64> {
+    Isometry3::from_parts(seen.position.into(), seen.orientation)
+}
+
+/// Readings as a campaign that knows no frame and no noise.
+pub fn campaign(setup: &Setup, readings: Vec<Reading>) -> Campaign {
+    Campaign {
+        name: "test".to_owned(),
+        robot: setup.robot.clone(),
+        robot_file: RobotFile {
+            name: "robot.urdf".to_owned(),
+            text: String::new(),
+            base: None,
+        },
+        gravity: setup.gravity,
+        targets: setup.targets.clone(),
+        base_from_tracker: Frame::Estimate,
+        link_from_target: vec![Frame::Estimate; setup.targets.len()],
+        noise: None,
+        readings,
+        warnings: Vec::new(),
+    }
+}
