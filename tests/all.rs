@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod campaign;
+mod cli;
 mod common;
 mod dual_quaternion;
 mod effects;

@@ -190,13 +190,35 @@ pub fn fit(
     } else {
         (None, None)
     };
-    Ok(finish(
+    let mut found = finish(
         model,
         estimate,
         errors,
         (held, heldout_by),
         (&fitted, heldout.len()),
-    ))
+    );
+    without_equilibrium(&mut found);
+    Ok(found)
+}
+
+/// Errors that are not numbers, said in words: the model has no equilibrium at some reading. A fit that ends so
+/// has not converged.
+fn without_equilibrium(found: &mut Fit) {
+    let mut say = |what: &str| {
+        found.unobservable.push(Unobservable {
+            what: what.to_owned(),
+            why: "the model has no loaded equilibrium at some of them: the arm collapses under its load"
+                .to_owned(),
+        });
+    };
+    if !found.fit.position_rms_m.is_finite() {
+        say("error of the fitted readings");
+        found.converged = false;
+    }
+    if found.heldout.is_some_and(|e| !e.position_rms_m.is_finite()) {
+        say("error of readings not fitted");
+        found.heldout = None;
+    }
 }
 
 /// Start values: frames in closed form, everything else as the model says.

@@ -125,11 +125,7 @@ fn in_words(
         if norms[k] < WEAK {
             words.push(Unobservable {
                 what: format!("{effect}.{}", parameter.name),
-                why: format!(
-                    "{} ({})",
-                    unseen(effect, parameter),
-                    size(norms[k], parameter)
-                ),
+                why: format!("{}{}", unseen(effect, parameter), size(norms[k], parameter)),
             });
         } else {
             together.entry(effect).or_default().push(k);
@@ -168,9 +164,14 @@ fn unseen(effect: &str, parameter: &Parameter) -> String {
     }
 }
 
+/// How little a parameter moves the readings, for those that it moves at all.
 fn size(norm: f64, parameter: &Parameter) -> String {
+    // a thousandth of σ is no reason to look further
+    if norm < 1e-3 {
+        return String::new();
+    }
     format!(
-        "a typical {:.0e} {} moves all readings together by {norm:.1e} σ",
+        " (a typical {:.0e} {} moves all readings together by {norm:.2} σ)",
         parameter.typical, parameter.unit
     )
 }
