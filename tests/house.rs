@@ -38,7 +38,11 @@ fn speaks_alone(word: &str, home: &str) {
     for (path, text) in sources() {
         let at_home = path.to_string_lossy().starts_with(home);
         for line in code(&text).filter(|line| line.contains(word)) {
-            assert!(at_home, "{}: {line}: {word} belongs to {home}", path.display());
+            assert!(
+                at_home,
+                "{}: {line}: {word} belongs to {home}",
+                path.display()
+            );
             speakers += 1;
         }
     }
@@ -94,7 +98,13 @@ fn a_fit_never_sees_a_truth() {
     // campaigns, models and fits know nothing of scenarios, where truths are
     for (path, text) in sources() {
         let name = path.to_string_lossy().into_owned();
-        let blind = ["src/campaign", "src/fit", "src/model", "src/effects", "src/recording"];
+        let blind = [
+            "src/campaign",
+            "src/fit",
+            "src/model",
+            "src/effects",
+            "src/recording",
+        ];
         if blind.iter().any(|part| name.starts_with(part)) {
             let found = code(&text).find(|line| line.contains("crate::scenario"));
             assert_eq!(found, None, "{name} could see a truth");
@@ -115,12 +125,19 @@ fn an_effect_is_one_file_and_two_lines() {
     files.sort();
     let mut ids: Vec<&str> = CATALOGUE.iter().map(|entry| entry.id).collect();
     ids.sort_unstable();
-    assert_eq!(files, ids, "every file is an effect, every effect a file of its name");
+    assert_eq!(
+        files, ids,
+        "every file is an effect, every effect a file of its name"
+    );
     for id in ids {
         let lines = list.lines().filter(|line| {
             line.trim() == format!("mod {id};") || line.contains(&format!("\"{id}.rs\""))
         });
-        assert_eq!(lines.count(), 2, "{id} takes two lines of src/effects/mod.rs");
+        assert_eq!(
+            lines.count(),
+            2,
+            "{id} takes two lines of src/effects/mod.rs"
+        );
         // and no file outside its own knows what it does
         for (path, text) in sources() {
             let own = path.starts_with("src/effects");
@@ -133,7 +150,13 @@ fn an_effect_is_one_file_and_two_lines() {
 
 #[test]
 fn no_clock_and_no_hash_order() {
-    let forbidden = ["SystemTime", "Instant::now", "HashMap", "HashSet", "thread_rng"];
+    let forbidden = [
+        "SystemTime",
+        "Instant::now",
+        "HashMap",
+        "HashSet",
+        "thread_rng",
+    ];
     for (path, text) in sources() {
         for word in forbidden {
             let found = code(&text).find(|line| line.contains(word));
@@ -155,7 +178,12 @@ fn documents_have_no_gaps() {
 
 #[test]
 fn links_of_the_documents_lead_somewhere() {
-    for file in ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "scenarios/README.md"] {
+    for file in [
+        "README.md",
+        "ARCHITECTURE.md",
+        "CONTRIBUTING.md",
+        "scenarios/README.md",
+    ] {
         let text = fs::read_to_string(file).unwrap();
         let folder = Path::new(file).parent().unwrap();
         for part in text.split("](").skip(1) {

@@ -139,7 +139,12 @@ fn in_words(
             _ => format!("{effect}: {} of {all} parameters", members.len()),
         };
         let strongest = members.iter().map(|&k| norms[k]).fold(0.0, f64::max);
-        let why = if strongest < 10.0 * WEAK {
+        let why = if effect == "geometry" && !partners.is_empty() {
+            format!(
+                "redundant by nature: what one does its neighbours or {} can undo; no reading needs more",
+                partners.join(", ")
+            )
+        } else if strongest < 10.0 * WEAK {
             "too weak beside the others to be told from them".to_owned()
         } else if partners.is_empty() {
             "only in combination with each other: some motions of one undo those of another"

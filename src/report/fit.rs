@@ -103,7 +103,7 @@ fn error_lines(fit: &Fit, baseline: Option<&Fit>) -> String {
     let whitened = fit.noise.source != Source::Residual;
     let mut header = vec!["error", "rms", "mean", "max", "orientation rms"];
     if whitened {
-        header.push("whitened");
+        header.push("rms / noise");
     }
     let numbers: Vec<usize> = (1..header.len()).collect();
     let mut rows = table(&header, &numbers);
