@@ -85,6 +85,7 @@ fn statics(c: &mut Criterion) {
     let spec = simulate::plant_spec(&scenario).unwrap();
     let mut plant = Plant::build(&spec).unwrap();
     let commands: Vec<Command> = design::visits(&scenario)
+        .unwrap()
         .into_iter()
         .map(|visit| Command {
             approach: vec![visit.direction; visit.joints.len()],

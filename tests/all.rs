@@ -3,11 +3,13 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod campaign;
+mod cli;
 mod common;
 mod dual_quaternion;
 mod effects;
 mod equilibrium;
 mod fit;
+mod house;
 mod kinematics;
 mod plant;
 mod recording;

@@ -29,6 +29,7 @@ impl Campaign {
             ending => Err(CampaignError::Kind {
                 file: path.display().to_string(),
                 found: match ending {
+                    _ if path.is_dir() => "a folder".into(),
                     Some(ending) => format!("a file ending in .{ending}"),
                     None => "a file without an ending".into(),
                 },

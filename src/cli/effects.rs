@@ -45,9 +45,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
                 anyhow::bail!("no effect is called \"{id}\"; known: {}", ids());
             };
             print(&format!("{}\n\n", entry.id))?;
-            let lines: Vec<String> = entry.page().lines().map(|line| wrap(line, 0)).collect();
-            print(&(lines.join("\n") + "\n"))?;
+            print(&(reflowed(&entry.page()) + "\n"))?;
         }
     }
     Ok(Outcome::Done)
+}
+
+/// A page with its paragraphs filled anew: the source's lines are longer than a terminal's. Headings, list items
+/// and tables keep their lines.
+fn reflowed(page: &str) -> String {
+    let mut lines: Vec<String> = Vec::new();
+    let mut paragraph = false;
+    for line in page.lines() {
+        let prose = !line.is_empty() && !line.starts_with(['#', '|', '-', '*', ' ']);
+        match lines.last_mut() {
+            Some(last) if prose && paragraph => *last = format!("{last} {line}"),
+            _ => lines.push(line.to_owned()),
+        }
+        paragraph = prose;
+    }
+    let lines: Vec<String> = lines.iter().map(|line| wrap(line, 0)).collect();
+    lines.join("\n")
 }

@@ -1,6 +1,6 @@
 //! `misfit fit`.
 
-use super::{Outcome, print, print_json, progress};
+use super::{Outcome, print, print_json, progress, usage};
 use crate::campaign::Campaign;
 use crate::fit::{self, Options};
 use crate::model_file;
@@ -18,10 +18,10 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// Campaign: a .toml file with its table, or a .mcap recording.
     campaign: PathBuf,
-    /// Effects of the model, comma-separated; a leading + adds to the default.
+    /// Effects of the model, comma-separated; a leading + adds to the default (or to those of --model).
     #[arg(long, value_name = "A,B,…", allow_hyphen_values = true)]
     effects: Option<String>,
-    /// Model file with [[effect]] tables: values to start from or to hold.
+    /// Model file with [[effect]] tables, values to start from or to hold; it replaces the default model.
     #[arg(long, value_name = "M.toml")]
     model: Option<PathBuf>,
     /// How to estimate: weighted nonlinear least squares, or the paper's unweighted linear estimator.
@@ -94,9 +94,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 /// The paper's own estimator.
 fn paper(arguments: &Arguments, campaign: &Campaign) -> anyhow::Result<Outcome> {
     if arguments.effects.is_some() || arguments.model.is_some() {
-        anyhow::bail!(
-            "--method paper estimates joint compliance alone; leave --effects and --model out"
-        );
+        return Err(usage(
+            "--method paper estimates joint compliance alone; leave --effects and --model out",
+        ));
     }
     let found = fit::paper::fit(campaign)?;
     if arguments.json {

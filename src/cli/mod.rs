@@ -7,7 +7,7 @@ mod progress;
 mod run;
 mod simulate;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
 
 /// A virtual calibration lab for serial robot arms.
@@ -56,11 +56,36 @@ pub fn main() -> ExitCode {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Missed) => ExitCode::from(3),
         Err(error) if closed_pipe(&error) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("misfit: {error:#}");
-            ExitCode::FAILURE
+        Err(error) => match error.downcast::<clap::Error>() {
+            Ok(usage) => {
+                // nothing is left to be done if stderr is closed
+                let _ = usage.print();
+                ExitCode::from(2)
+            }
+            Err(error) => {
+                use std::io::Write;
+                let _ = writeln!(std::io::stderr(), "misfit: {}", message(&error));
+                ExitCode::FAILURE
+            }
+        },
+    }
+}
+
+/// The error and its causes, each said once: most messages hold their cause already.
+fn message(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text = format!("{text}: {cause}");
         }
     }
+    text
+}
+
+/// Wrong usage that only the command itself can see: exit code 2.
+fn usage(message: impl std::fmt::Display) -> anyhow::Error {
+    let kind = clap::error::ErrorKind::ValueValidation;
+    Arguments::command().error(kind, message).into()
 }
 
 /// A reader that has seen enough (`misfit … | head`) is no fault.

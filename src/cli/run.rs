@@ -39,6 +39,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(seed) = arguments.seed {
         scenario.seed = seed;
     }
+    if arguments.campaigns.is_some() && scenario.campaigns.is_none() {
+        anyhow::bail!(
+            "{}: is no efficiency study; --campaigns goes with scenarios that have campaigns = N",
+            scenario.file
+        );
+    }
     let campaigns = arguments
         .campaigns
         .map(|n| n as usize)

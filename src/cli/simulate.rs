@@ -19,7 +19,7 @@ pub struct Arguments {
     /// Scenario file.
     scenario: PathBuf,
     /// Recording to write; the scenario's name with .mcap if nothing else is asked for.
-    #[arg(short, long, value_name = "X.mcap")]
+    #[arg(short, long, value_name = "X.mcap", value_parser = recording_path)]
     output: Option<PathBuf>,
     /// Folder to write the campaign to as TOML and CSV.
     #[arg(long, value_name = "DIR")]
@@ -54,9 +54,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         );
     }
     if let Some(folder) = &arguments.csv {
-        campaign.write_csv(folder)?;
         // beside the folder, not in it: what is handed to a fit holds readings only
-        let truth = truth_path(folder);
+        let truth = truth_beside(folder)?;
+        campaign.write_csv(folder)?;
         write_text(&truth, &simulate::truth_text(&scenario))?;
         said += &format!(
             "{} · {}\n{} · the truth, for scoring\n",
@@ -101,6 +101,37 @@ pub(super) fn write_recording(
 /// `x.mcap` → `x.truth.toml`, beside it.
 pub(super) fn truth_path(beside: &Path) -> PathBuf {
     beside.with_extension("truth.toml")
+}
+
+/// `cell/` → `cell.truth.toml`, beside the folder; `.` and `..` have names, too.
+fn truth_beside(folder: &Path) -> anyhow::Result<PathBuf> {
+    let named = match folder.file_name() {
+        Some(_) => folder.to_owned(),
+        None => folder
+            .canonicalize()
+            .with_context(|| format!("{}: cannot be read", folder.display()))?,
+    };
+    match named.file_name() {
+        // appended, so that cell.1/ and cell.2/ keep a truth each
+        Some(name) => {
+            let mut name = name.to_owned();
+            name.push(".truth.toml");
+            Ok(named.with_file_name(name))
+        }
+        None => anyhow::bail!(
+            "{}: nothing can stand beside it, and the truth must not be in it",
+            folder.display()
+        ),
+    }
+}
+
+/// A path that `fit` will know as a recording, and that is no scenario's.
+fn recording_path(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension() {
+        Some(ending) if ending == "mcap" => Ok(path),
+        _ => Err("accepted: a path ending in .mcap (--csv DIR writes TOML and CSV)".to_owned()),
+    }
 }
 
 /// Writes a small file so that a failure leaves the old one whole.

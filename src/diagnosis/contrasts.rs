@@ -80,7 +80,11 @@ fn key(reading: &Reading, load: bool, direction: bool) -> Key {
         reading.target,
         pose_key(reading),
         if load { weight } else { Vec::new() },
-        if direction { approach.collect() } else { Vec::new() },
+        if direction {
+            approach.collect()
+        } else {
+            Vec::new()
+        },
     )
 }
 
@@ -139,7 +143,9 @@ fn time(field: &Field) -> Option<Moment> {
     let times = times?;
     let (first, last) = times
         .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &t| (a.min(t), b.max(t)));
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &t| {
+            (a.min(t), b.max(t))
+        });
     if last <= first {
         return None;
     }
@@ -159,7 +165,11 @@ fn time(field: &Field) -> Option<Moment> {
     let eigen = left.tr_mul(&left).symmetric_eigen();
     let gradient = left.tr_mul(&field.matrix.column(end));
     let mut moment = Moment::default();
-    for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+    for (value, vector) in eigen
+        .eigenvalues
+        .iter()
+        .zip(eigen.eigenvectors.column_iter())
+    {
         if *value > 1e-3 {
             moment.squares += vector.dot(&gradient.column(0)).powi(2) / value;
             moment.dof += 1.0;

@@ -136,8 +136,10 @@ pub fn diagnose(
     while look.alarm {
         let Some(best) = look.best else {
             // something is there that no family explains
-            let explained = explained(&base, &current);
-            verdict = if !named.is_empty() && explained >= ENOUGH {
+            // where the noise is what is left, nobody knows how much is still to be explained
+            let enough =
+                base.noise.source == Source::Residual || explained(&base, &current) >= ENOUGH;
+            verdict = if !named.is_empty() && enough {
                 Verdict::NamedIncomplete
             } else {
                 Verdict::Unknown
@@ -403,7 +405,9 @@ fn field<'a>(
             .copy_from(&block.column(block.ncols() - 1));
         row += block.nrows();
     }
-    let along = matrix.columns(0, gram.rank).tr_mul(&matrix.column(gram.rank));
+    let along = matrix
+        .columns(0, gram.rank)
+        .tr_mul(&matrix.column(gram.rank));
     let left = matrix.column(gram.rank) - matrix.columns(0, gram.rank) * along;
     matrix.set_column(gram.rank, &left);
     Field {
@@ -453,7 +457,11 @@ fn scan(
         let gradient = part.tr_mul(&residual);
         let (mut chi2, mut dof) = (0.0, 0.0);
         // an amplitude of 0.1 mrad has to show
-        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        for (value, vector) in eigen
+            .eigenvalues
+            .iter()
+            .zip(eigen.eigenvectors.column_iter())
+        {
             if value.max(0.0).sqrt() * 1e-4 > 0.05 {
                 chi2 += vector.dot(&gradient.column(0)).powi(2) / value / against.variance;
                 dof += 1.0;

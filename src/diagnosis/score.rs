@@ -54,10 +54,17 @@ impl Gram {
         for part in parts {
             matrix += part;
         }
-        let eigen = matrix.view((0, 0), (base, base)).into_owned().symmetric_eigen();
+        let eigen = matrix
+            .view((0, 0), (base, base))
+            .into_owned()
+            .symmetric_eigen();
         let mut inverse = DMatrix::zeros(base, base);
         let mut rank = 0;
-        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        for (value, vector) in eigen
+            .eigenvalues
+            .iter()
+            .zip(eigen.eigenvectors.column_iter())
+        {
             if value.max(0.0).sqrt() >= crate::fit::solve::WEAK {
                 inverse += vector * vector.transpose() / *value;
                 rank += 1;
@@ -107,7 +114,11 @@ impl Gram {
         let expected = information.trace() / variance;
         let eigen = information.symmetric_eigen();
         let mut directions = Vec::new();
-        for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
+        for (value, vector) in eigen
+            .eigenvalues
+            .iter()
+            .zip(eigen.eigenvectors.column_iter())
+        {
             let s2 = value.max(0.0) / variance;
             if s2.sqrt() > FAINT {
                 // z = vᵀ g / s, both in σ

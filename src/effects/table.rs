@@ -164,6 +164,17 @@ impl Choice {
         };
         for (name, value) in &self.values {
             let index = find(name, parameters)?;
+            let (lower, upper) = (parameters[index].lower, parameters[index].upper);
+            if !(lower..=upper).contains(value) {
+                return Err(TableError::Form {
+                    file: file.to_owned(),
+                    message: format!(
+                        "{}: value of {name} is {value}; accepted: {lower} to {upper} {}",
+                        self.effect.id(),
+                        parameters[index].unit
+                    ),
+                });
+            }
             parameters[index].value = *value;
         }
         match &self.hold {

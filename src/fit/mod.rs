@@ -184,23 +184,55 @@ pub fn fit(
     let start = start_values(campaign, model, &fitted);
     let estimate = estimate(campaign, model, &fitted, start, &mut on_step)?;
     let errors = errors(model, &estimate.p, &fitted, &estimate.whiteners);
+    let mut folds_stopped = 0;
     let (held, heldout_by) = if !heldout.is_empty() {
         let whiteners = noise::whiteners(model, &estimate.p, &heldout, &estimate.noise);
         let held = self::errors(model, &estimate.p, &heldout, &whiteners);
         (Some(held), Some(HeldoutBy::Split))
     } else if options.cross_validate {
-        let held = cross_validate(campaign, model, &fitted, &estimate, &mut on_step);
+        let (held, stopped) = cross_validate(campaign, model, &fitted, &estimate, &mut on_step);
+        folds_stopped = stopped;
         (held, held.map(|_| HeldoutBy::CrossValidation))
     } else {
         (None, None)
     };
-    Ok(finish(
+    let mut found = finish(
         model,
         estimate,
         errors,
         (held, heldout_by),
         (&fitted, heldout.len()),
-    ))
+    );
+    without_equilibrium(&mut found);
+    if folds_stopped > 0 {
+        found.unobservable.push(Unobservable {
+            what: "cross-validated error".to_owned(),
+            why: format!(
+                "{folds_stopped} of its {FOLDS} fits did not converge: take it as a bound"
+            ),
+        });
+    }
+    Ok(found)
+}
+
+/// Errors that are not numbers, said in words: the model has no equilibrium at some reading. A fit that ends so
+/// has not converged.
+fn without_equilibrium(found: &mut Fit) {
+    let mut say = |what: &str| {
+        found.unobservable.push(Unobservable {
+            what: what.to_owned(),
+            why: "the model has no loaded equilibrium at some of them: the arm collapses under its load"
+                .to_owned(),
+        });
+    };
+    if !found.fit.position_rms_m.is_finite() {
+        say("error of the fitted readings");
+        found.converged = false;
+    }
+    if found.heldout.is_some_and(|e| !e.position_rms_m.is_finite()) {
+        say("error of readings not fitted");
+        found.heldout = None;
+    }
 }
 
 /// Start values: frames in closed form, everything else as the model says.
@@ -595,14 +627,15 @@ pub fn pose_key(reading: &Reading) -> (String, Vec<u64>) {
     }
 }
 
-/// Errors of poses left out a fifth at a time; none with too few poses.
+/// Errors of poses left out a fifth at a time, none with too few poses; and how many of those fits did not
+/// converge.
 fn cross_validate(
     campaign: &Campaign,
     model: &Model,
     readings: &[&Reading],
     estimate: &Estimate,
     on_step: &mut impl FnMut(&str),
-) -> Option<Errors> {
+) -> (Option<Errors>, usize) {
     let mut fold_of: BTreeMap<_, usize> = BTreeMap::new();
     let folds: Vec<usize> = readings
         .iter()
@@ -613,8 +646,9 @@ fn cross_validate(
         })
         .collect();
     if fold_of.len() < FEWEST_POSES {
-        return None;
+        return (None, 0);
     }
+    let mut stopped = 0;
     let mut left = vec![Row::zeros(); readings.len()];
     for fold in 0..FOLDS {
         on_step(&format!("cross-validation, fold {} of {FOLDS}", fold + 1));
@@ -633,13 +667,16 @@ fn cross_validate(
         let start = start_values(campaign, model, &part);
         let problem = CampaignProblem::new(model, &part, &whiteners, &estimate.free, &start);
         let begin: Vec<f64> = estimate.free.iter().map(|&k| start[k]).collect();
-        let p = problem.full(&solve::solve(&problem, &begin, |_, _| {}).p);
+        let found = solve::solve(&problem, &begin, |_, _| {});
+        stopped += usize::from(!found.converged);
+        let p = problem.full(&found.p);
         let tested: Vec<&Reading> = out.iter().map(|&i| readings[i]).collect();
         for (i, residual) in out.into_iter().zip(residuals(model, &p, &tested)) {
             left[i] = residual;
         }
     }
-    Some(summarise(&left, readings, &estimate.whiteners))
+    let errors = summarise(&left, readings, &estimate.whiteners);
+    (Some(errors), stopped)
 }
 
 /// From an estimate to what it is worth.

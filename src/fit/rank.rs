@@ -125,11 +125,7 @@ fn in_words(
         if norms[k] < WEAK {
             words.push(Unobservable {
                 what: format!("{effect}.{}", parameter.name),
-                why: format!(
-                    "{} ({})",
-                    unseen(effect, parameter),
-                    size(norms[k], parameter)
-                ),
+                why: format!("{}{}", unseen(effect, parameter), size(norms[k], parameter)),
             });
         } else {
             together.entry(effect).or_default().push(k);
@@ -143,7 +139,12 @@ fn in_words(
             _ => format!("{effect}: {} of {all} parameters", members.len()),
         };
         let strongest = members.iter().map(|&k| norms[k]).fold(0.0, f64::max);
-        let why = if strongest < 10.0 * WEAK {
+        let why = if effect == "geometry" && !partners.is_empty() {
+            format!(
+                "redundant by nature: what one does its neighbours or {} can undo; no reading needs more",
+                partners.join(", ")
+            )
+        } else if strongest < 10.0 * WEAK {
             "too weak beside the others to be told from them".to_owned()
         } else if partners.is_empty() {
             "only in combination with each other: some motions of one undo those of another"
@@ -168,9 +169,14 @@ fn unseen(effect: &str, parameter: &Parameter) -> String {
     }
 }
 
+/// How little a parameter moves the readings, for those that it moves at all.
 fn size(norm: f64, parameter: &Parameter) -> String {
+    // a thousandth of σ is no reason to look further
+    if norm < 1e-3 {
+        return String::new();
+    }
     format!(
-        "a typical {:.0e} {} moves all readings together by {norm:.1e} σ",
+        " (a typical {:.0e} {} moves all readings together by {norm:.2} σ)",
         parameter.typical, parameter.unit
     )
 }

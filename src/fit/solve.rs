@@ -231,7 +231,7 @@ fn least_squares(factor: DMatrix<f64>, right: &DVector<f64>, damping: f64) -> DV
     let mut step = DVector::zeros(spectrum.v.nrows());
     let least = spectrum.rounding();
     for (i, &s) in spectrum.values.iter().enumerate() {
-        if s < least {
+        if s <= least {
             break;
         }
         step -= spectrum.v.column(i) * (s * along[i] / (s * s + damping));
@@ -280,11 +280,12 @@ impl Spectrum {
         } else {
             factor
         };
-        if n == 0 {
+        // the decomposition of what is no number does not end
+        if n == 0 || factor.iter().any(|x| !x.is_finite()) {
             return Self {
-                u: DMatrix::zeros(rows, 0),
-                values: Vec::new(),
-                v: DMatrix::zeros(0, 0),
+                u: DMatrix::zeros(rows, n),
+                values: vec![0.0; n],
+                v: DMatrix::identity(n, n),
                 rank: 0,
             };
         }

@@ -128,7 +128,11 @@ pub fn text(campaign: &Campaign, diagnosis: &Diagnosis) -> String {
         .collect();
     if !others.is_empty() {
         let rest = others.len().saturating_sub(SHOWN);
-        let more = if rest > 0 { format!(" · {rest} more") } else { String::new() };
+        let more = if rest > 0 {
+            format!(" · {rest} more")
+        } else {
+            String::new()
+        };
         let shown = others[..others.len().min(SHOWN)].join(" · ");
         let line = format!("also tried  {shown}{more} (evidence, nats)");
         let _ = writeln!(out, "{}", wrap(&line, 12));
@@ -136,7 +140,11 @@ pub fn text(campaign: &Campaign, diagnosis: &Diagnosis) -> String {
     if !diagnosis.cannot_see.is_empty() {
         let _ = writeln!(out, "cannot see");
         for row in &diagnosis.cannot_see {
-            let _ = writeln!(out, "{}", wrap(&format!("  {} · {}", row.effect, row.why), 4));
+            let _ = writeln!(
+                out,
+                "{}",
+                wrap(&format!("  {} · {}", row.effect, row.why), 4)
+            );
         }
     }
     out
@@ -197,7 +205,11 @@ fn answer(diagnosis: &Diagnosis) -> String {
         Verdict::Named | Verdict::NamedIncomplete => {
             for effect in &diagnosis.effects {
                 let found = find(effect).map_or_else(String::new, |c| {
-                    format!("   λ {}, evidence {:+.0} nats", number(c.lambda), c.log_evidence)
+                    format!(
+                        "   λ {}, evidence {:+.0} nats",
+                        number(c.lambda),
+                        c.log_evidence
+                    )
                 });
                 let _ = writeln!(out, "missing  {effect}{found}");
             }

@@ -99,19 +99,26 @@ pub(super) fn noise_line(campaign: &Campaign, fit: &Fit) -> String {
 }
 
 fn error_lines(fit: &Fit, baseline: Option<&Fit>) -> String {
-    let mut rows = table(
-        &["error", "rms", "mean", "max", "orientation rms", "whitened"],
-        &[1, 2, 3, 4, 5],
-    );
+    // noise taken from what is left makes each row's own whitened rms one, whatever the model: it says nothing
+    let whitened = fit.noise.source != Source::Residual;
+    let mut header = vec!["error", "rms", "mean", "max", "orientation rms"];
+    if whitened {
+        header.push("rms / noise");
+    }
+    let numbers: Vec<usize> = (1..header.len()).collect();
+    let mut rows = table(&header, &numbers);
     let mut add = |name: &str, e: &Errors| {
-        rows.add_row(vec![
+        let mut cells = vec![
             name.to_owned(),
             length(e.position_rms_m),
             length(e.position_mean_m),
             length(e.position_max_m),
             e.orientation_rms_rad.map_or("—".to_owned(), angle),
-            number(e.whitened_rms),
-        ]);
+        ];
+        if whitened {
+            cells.push(number(e.whitened_rms));
+        }
+        rows.add_row(cells);
     };
     let held = |by: Option<HeldoutBy>| match by {
         Some(HeldoutBy::CrossValidation) => "cross-validated",
@@ -147,8 +154,8 @@ fn parameter_tables(fit: &Fit, all: bool) -> String {
                 "\n{}",
                 wrap(
                     &format!(
-                        " geometry · {} parameters, {estimated} fixed one by one, the others in \
-                         combination (--all lists them)",
+                        " geometry · {} parameters, {estimated} identified one by one, the others only \
+                         in combination (--all lists them)",
                         range.len()
                     ),
                     2
@@ -157,11 +164,16 @@ fn parameter_tables(fit: &Fit, all: bool) -> String {
             continue;
         }
         let compliance = id == "joint_compliance";
+        let revolute = term.parameters.iter().all(|p| p.unit == "rad/(N·m)");
         let mut rows = if compliance {
             table(
                 &[
                     id,
-                    "c (1e-6)",
+                    if revolute {
+                        "c µrad/(N·m)"
+                    } else {
+                        "c (1e-6 SI)"
+                    },
                     "± 95 %",
                     "K = 1/c",
                     "95 % interval of K",

@@ -15,6 +15,9 @@ pub fn significant(value: f64, digits: usize) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }
+    if value.is_nan() {
+        return "—".to_owned();
+    }
     if !value.is_finite() {
         return value.to_string();
     }
@@ -26,10 +29,14 @@ pub fn significant(value: f64, digits: usize) -> String {
     format!("{value:.decimals$}")
 }
 
-/// A length in mm; µm below a hundredth of one, nm below a thousandth of that.
+/// A length in mm; µm below a hundredth of one, nm below a thousandth of that. Picometres are rounding.
 pub fn length(metres: f64) -> String {
     let size = metres.abs();
-    if size >= 1e-5 || size == 0.0 {
+    if size.is_nan() {
+        "—".to_owned()
+    } else if size > 0.0 && size < 1e-12 {
+        "< 0.001 nm".to_owned()
+    } else if size >= 1e-5 || size == 0.0 {
         format!("{} mm", number(metres * 1e3))
     } else if size >= 1e-8 {
         format!("{} µm", number(metres * 1e6))
@@ -38,10 +45,14 @@ pub fn length(metres: f64) -> String {
     }
 }
 
-/// An angle in mrad; µrad below a tenth of one.
+/// An angle in mrad; µrad below a tenth of one. Picoradians are rounding.
 pub fn angle(radians: f64) -> String {
     let size = radians.abs();
-    if size >= 1e-4 || size == 0.0 {
+    if size.is_nan() {
+        "—".to_owned()
+    } else if size > 0.0 && size < 1e-12 {
+        "< 0.001 nrad".to_owned()
+    } else if size >= 1e-4 || size == 0.0 {
         format!("{} mrad", number(radians * 1e3))
     } else if size >= 1e-8 {
         format!("{} µrad", number(radians * 1e6))

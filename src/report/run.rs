@@ -109,7 +109,7 @@ pub fn springs(compared: &[Comparison], quantile: f64, paper: Option<&PaperFit>)
     if paper.is_some() {
         header.push("paper's way");
     }
-    header.extend(["error", "", "status"]);
+    header.extend(["error", "truth is", "status"]);
     let numbers: Vec<usize> = (1..header.len() - 2).collect();
     let mut rows = table(&header, &numbers);
     for row in springs {
@@ -124,7 +124,10 @@ pub fn springs(compared: &[Comparison], quantile: f64, paper: Option<&PaperFit>)
         ];
         if let Some(paper) = paper {
             let joint = paper.joints.iter().find(|joint| joint.name == row.name);
-            cells.push(stiffness(joint.and_then(|joint| joint.compliance)));
+            cells.push(match joint.and_then(|joint| joint.compliance) {
+                Some(c) if c < 0.0 => "negative".to_owned(),
+                other => stiffness(other),
+            });
         }
         cells.extend([
             match (seen, row.value > 0.0) {
@@ -233,6 +236,10 @@ pub fn instead(designs: &[Instead]) -> String {
 }
 
 fn percent(share: f64) -> String {
+    // below a millionth of a per cent it is rounding
+    if share.abs() < 1e-8 {
+        return "< 1e-6 %".to_owned();
+    }
     format!("{} %", number(share * 100.0))
 }
 

@@ -1,6 +1,6 @@
 //! Where and how the plant is measured: random poses, loads, approach directions, repeats, order.
 
-use super::Scenario;
+use super::{Scenario, ScenarioError};
 use crate::plant::Load;
 use crate::robot::JointKind;
 use nalgebra::Vector3;
@@ -119,9 +119,12 @@ pub(super) fn generator(seed: u64, stream: u128) -> Pcg64 {
 }
 
 /// All readings of a scenario, in the order in which they are taken.
-pub fn visits(scenario: &Scenario) -> Vec<Visit> {
+///
+/// # Errors
+/// If no posture reaches the least height.
+pub fn visits(scenario: &Scenario) -> Result<Vec<Visit>, ScenarioError> {
     let design = &scenario.design;
-    let poses = poses(scenario);
+    let poses = poses(scenario)?;
     let mut visits = Vec::new();
     for target in 0..scenario.setup.targets.len() {
         for (pose, joints) in poses.iter().enumerate() {
@@ -144,11 +147,11 @@ pub fn visits(scenario: &Scenario) -> Vec<Visit> {
     if design.random_order {
         visits.shuffle(&mut generator(scenario.seed, stream::ORDER));
     }
-    visits
+    Ok(visits)
 }
 
 /// Random postures within the limits, all target links above the least height.
-fn poses(scenario: &Scenario) -> Vec<Vec<f64>> {
+fn poses(scenario: &Scenario) -> Result<Vec<Vec<f64>>, ScenarioError> {
     let mut random = generator(scenario.seed, stream::POSES);
     (0..scenario.design.poses)
         .map(|_| random_posture(scenario, &mut random))
@@ -156,18 +159,26 @@ fn poses(scenario: &Scenario) -> Vec<Vec<f64>> {
 }
 
 /// One of them.
-pub(super) fn random_posture(scenario: &Scenario, random: &mut impl Rng) -> Vec<f64> {
+pub(super) fn random_posture(
+    scenario: &Scenario,
+    random: &mut impl Rng,
+) -> Result<Vec<f64>, ScenarioError> {
     /// Draws before the least height is given up.
-    const TRIES: usize = 1000;
+    const TRIES: usize = 10_000;
     let least = scenario.design.least_height;
-    let mut joints = draw(scenario, random);
     for _ in 0..TRIES {
+        let joints = draw(scenario, random);
         if heights(scenario, &joints).all(|height| height >= least) {
-            break;
+            return Ok(joints);
         }
-        joints = draw(scenario, random);
     }
-    joints
+    Err(ScenarioError::Form {
+        file: scenario.file.clone(),
+        message: format!(
+            "[design] least_height_m = {least}: none of {TRIES} random postures has its targets so high; \
+             accepted: a height that the arm reaches more often"
+        ),
+    })
 }
 
 fn draw(scenario: &Scenario, random: &mut impl Rng) -> Vec<f64> {

@@ -159,7 +159,7 @@ pub fn study(
 /// Simulates one campaign and sets its estimates against truth and bound.
 fn run(scenario: &Scenario) -> Result<(bool, Vec<Outcome>), ScenarioError> {
     let form = |message: String| ScenarioError::Form {
-        file: scenario.name.clone(),
+        file: scenario.file.clone(),
         message,
     };
     let campaign = simulate::simulate(scenario, || {})?;
@@ -233,7 +233,7 @@ pub fn bounds(scenario: &Scenario) -> Result<Vec<Bound>, ScenarioError> {
     let model =
         model_file::model(&campaign, scenario.effects.as_deref(), None).map_err(|error| {
             ScenarioError::Form {
-                file: scenario.name.clone(),
+                file: scenario.file.clone(),
                 message: error.to_string(),
             }
         })?;

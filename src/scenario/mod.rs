@@ -18,6 +18,8 @@ use std::sync::Arc;
 /// A scenario as read.
 #[derive(Debug, Clone)]
 pub struct Scenario {
+    /// Path as the user wrote it, for messages.
+    pub file: String,
     /// File stem.
     pub name: String,
     /// One line for its reader.

@@ -20,6 +20,8 @@ use std::path::Path;
 
 /// Readings of one campaign at most.
 const MOST_READINGS: usize = 1_000_000;
+/// Campaigns of an efficiency study at most.
+const MOST_CAMPAIGNS: usize = 1_000_000;
 
 /// What a scenario has beside the keys of a campaign file.
 #[derive(Debug, Deserialize)]
@@ -143,8 +145,7 @@ impl Scenario {
             file: file.clone(),
             source,
         })?;
-        let all: toml::Table =
-            toml::from_str(&text).map_err(|error| form(error.to_string().trim_end().to_owned()))?;
+        let all: toml::Table = toml::from_str(&text).map_err(|error| form(plain(&error)))?;
         let shared = ["robot", "base", "gravity", "target", "frames", "noise"];
         let (shared, own): (toml::Table, toml::Table) = all
             .into_iter()
@@ -152,7 +153,7 @@ impl Scenario {
         let document = Document::from_table(&file, shared)?;
         let own: OwnKeys = own
             .try_into()
-            .map_err(|error: toml::de::Error| form(error.to_string().trim_end().to_owned()))?;
+            .map_err(|error: toml::de::Error| form(plain(&error)))?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let robot_path = folder.join(&document.robot);
         let robot_text =
@@ -185,7 +186,17 @@ impl Scenario {
             }
         }
         let truth = truths(&file, own.truth, &setup, own.seed)?;
+        own.expect.check(own.campaigns.is_some()).map_err(&form)?;
+        if own
+            .campaigns
+            .is_some_and(|n| !(1..=MOST_CAMPAIGNS).contains(&n))
+        {
+            return Err(form(format!(
+                "campaigns: accepted are 1 to {MOST_CAMPAIGNS}"
+            )));
+        }
         Ok(Self {
+            file: file.clone(),
             name: path
                 .file_stem()
                 .map_or_else(|| file.clone(), |stem| stem.to_string_lossy().into_owned()),
@@ -216,6 +227,13 @@ impl Scenario {
             setup,
         })
     }
+}
+
+/// A TOML error in a user's words.
+fn plain(error: &toml::de::Error) -> String {
+    let text = error.to_string();
+    text.trim_end()
+        .replace("expected usize", "expected a whole number, 0 or more")
 }
 
 /// A campaign that says "no noise at all" would be believed; one of a perfect plant says nothing.

@@ -46,12 +46,12 @@ pub fn simulate(
     on_reading: impl Fn() + Sync,
 ) -> Result<Campaign, ScenarioError> {
     let plant = |source: PlantError| ScenarioError::Plant {
-        file: scenario.name.clone(),
+        file: scenario.file.clone(),
         source,
     };
     let spec = plant_spec(scenario).map_err(plant)?;
     let original = Plant::build(&spec).map_err(plant)?;
-    let visits = visits(scenario);
+    let visits = visits(scenario)?;
     let mut random = generator(scenario.seed, stream::NOISE);
     let joints = scenario.setup.robot.joints.len();
     let draws: Vec<Draws> = visits

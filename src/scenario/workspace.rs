@@ -72,7 +72,7 @@ pub fn survey(
 
 fn plant(scenario: &Scenario, source: PlantError) -> ScenarioError {
     ScenarioError::Plant {
-        file: scenario.name.clone(),
+        file: scenario.file.clone(),
         source,
     }
 }
@@ -81,7 +81,7 @@ fn plant(scenario: &Scenario, source: PlantError) -> ScenarioError {
 fn soften(scenario: &mut Scenario, exponent: i32) -> Result<(), ScenarioError> {
     let stiffness = presets::stiffness("paper", Some(exponent), &scenario.setup);
     let stiffness = stiffness.map_err(|message| ScenarioError::Form {
-        file: scenario.name.clone(),
+        file: scenario.file.clone(),
         message,
     })?;
     let springs = scenario.truth.iter_mut();
@@ -107,7 +107,7 @@ fn survey_target(
     let mut random = generator(scenario.seed, stream::WORKSPACE);
     let postures: Vec<Vec<f64>> = (0..workspace.postures)
         .map(|_| random_posture(scenario, &mut random))
-        .collect();
+        .collect::<Result<_, _>>()?;
     let original = std::sync::Mutex::new(Plant::build(spec).map_err(|e| plant(scenario, e))?);
     /// Postures that one fork of the plant visits.
     const RUN: usize = 32;

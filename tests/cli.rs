@@ -1,0 +1,1280 @@
+//! The command line as its users and their scripts see it: files, streams, exit codes, messages.
+
+use assert_cmd::Command;
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::sync::LazyLock;
+use tempfile::TempDir;
+
+const SIX_AXIS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/models/six_axis/six_axis.urdf");
+const SDA5F: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/models/sda5f/sda5f.urdf");
+
+/// What a compliant six-axis arm hides. The weights of its links make every joint but the first sag.
+const TRUTH: &str = "[[truth]]\nkind = \"joint_compliance\"\n\
+    values = { a1 = 1e-6, a2 = 1e-6, a3 = 2e-6, a4 = 5e-6, a5 = 5e-6, a6 = 8e-6 }\n\
+    [[truth]]\nkind = \"tracker_frame\"\nvalues = { x = 2.5, y = 0.5, z = 1.0, rz = 2.5 }\n";
+const DESIGN: &str = "poses = 14\nheldout_poses = 4\nrepeats = 2\n\
+    loads = [{ mass_kg = 0.0 }, { mass_kg = 40.0, com_m = [0.1, 0.0, 0.1] }]\n";
+const NOISE: &str = "position_m = 1e-5\norientation_rad = 8.7e-5\n";
+
+/// A scenario of the six-axis arm: keys before the tables, the design, and tables after it.
+fn scenario(top: &str, design: &str, tail: &str) -> String {
+    format!(
+        "robot = {SIX_AXIS:?}\nseed = 3\n{top}\n[[target]]\nname = \"flange\"\nlink = \"flange\"\n\
+         [noise]\n{NOISE}[design]\n{design}\n{tail}\n"
+    )
+}
+
+fn cell() -> String {
+    scenario("", DESIGN, TRUTH)
+}
+
+/// The program, run in a folder.
+fn misfit(folder: &Path) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_misfit"));
+    command.current_dir(folder).env_remove("RUST_BACKTRACE");
+    command
+}
+
+/// How a run ended.
+struct Ran {
+    code: Option<i32>,
+    out: String,
+    err: String,
+}
+
+/// Runs the program; whatever it is asked, it does not panic, keeps to 100 columns, and colours nothing.
+#[track_caller]
+fn run(folder: &Path, words: &[&str]) -> Ran {
+    let output = misfit(folder).args(words).output().unwrap();
+    let ran = Ran {
+        code: output.status.code(),
+        out: String::from_utf8(output.stdout).unwrap(),
+        err: String::from_utf8(output.stderr).unwrap(),
+    };
+    assert!(!ran.err.contains("panicked"), "{words:?}: {}", ran.err);
+    assert!(!ran.out.contains('\x1b'), "{words:?}: {}", ran.out);
+    assert!(!ran.err.contains('\x1b'), "{words:?}: {}", ran.err);
+    ran
+}
+
+/// A run that ends with this code and says nothing on stderr: its stdout.
+#[track_caller]
+fn ends(code: i32, folder: &Path, words: &[&str]) -> String {
+    let ran = run(folder, words);
+    assert_eq!(ran.code, Some(code), "{words:?}: {}{}", ran.out, ran.err);
+    assert_eq!(ran.err, "", "{words:?}");
+    if !words.contains(&"--json") {
+        assert_width(&ran.out);
+    }
+    ran.out
+}
+
+#[track_caller]
+fn done(folder: &Path, words: &[&str]) -> String {
+    ends(0, folder, words)
+}
+
+/// A run that could not do it: exit code 1, nothing on stdout, and every one of `parts` in the message.
+#[track_caller]
+fn refused(folder: &Path, words: &[&str], parts: &[&str]) {
+    let ran = run(folder, words);
+    assert_eq!(ran.code, Some(1), "{words:?}: {}{}", ran.out, ran.err);
+    assert_eq!(ran.out, "", "{words:?}");
+    assert!(ran.err.starts_with("misfit: "), "{words:?}: {}", ran.err);
+    for part in parts {
+        assert!(ran.err.contains(part), "no {part:?} in: {}", ran.err);
+    }
+    // a cause that the message holds is not said again
+    if let Some(at) = ran.err.find("(os error") {
+        assert_eq!(
+            ran.err.matches(&ran.err[at..at + 9]).count(),
+            1,
+            "{}",
+            ran.err
+        );
+    }
+}
+
+#[track_caller]
+fn assert_width(text: &str) {
+    for line in text.lines() {
+        assert!(line.chars().count() <= 100, "too wide: {line}");
+        assert_eq!(line, line.trim_end(), "trailing blanks");
+    }
+}
+
+#[track_caller]
+fn json(folder: &Path, words: &[&str]) -> Value {
+    serde_json::from_str(&done(folder, words)).unwrap()
+}
+
+/// Names of the files in a folder.
+fn files(folder: &Path) -> BTreeSet<String> {
+    let entries = fs::read_dir(folder).unwrap();
+    entries
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect()
+}
+
+fn write(folder: &Path, name: &str, text: &str) {
+    fs::write(folder.join(name), text).unwrap();
+}
+
+/// A folder with a simulated campaign: cell.toml (scenario), cell.mcap, cell/ (the same as CSV).
+static LAB: LazyLock<TempDir> = LazyLock::new(|| {
+    let folder = TempDir::new().unwrap();
+    write(folder.path(), "cell.toml", &cell());
+    let words = ["simulate", "cell.toml", "-o", "cell.mcap", "--csv", "cell"];
+    done(folder.path(), &words);
+    folder
+});
+
+fn lab() -> &'static Path {
+    LAB.path()
+}
+
+/// The campaign's CSV folder, copied to be spoilt.
+fn copy() -> TempDir {
+    let folder = TempDir::new().unwrap();
+    for name in files(&lab().join("cell")) {
+        fs::copy(lab().join("cell").join(&name), folder.path().join(&name)).unwrap();
+    }
+    folder
+}
+
+/// Replaces a piece of a file, which must be in it.
+#[track_caller]
+fn replace(path: PathBuf, from: &str, to: &str) {
+    let text = fs::read_to_string(&path).unwrap();
+    assert!(text.contains(from), "no {from:?} in {}", path.display());
+    fs::write(path, text.replacen(from, to, 1)).unwrap();
+}
+
+/// A fit of `document`: value, standard deviation and status of a parameter.
+fn parameter<'a>(document: &'a Value, effect: &str, name: &str) -> &'a Value {
+    let rows = document["parameters"].as_array().unwrap();
+    let mut found = rows
+        .iter()
+        .filter(|row| row["effect"] == effect && row["name"] == name);
+    let row = found.next().expect("no such parameter");
+    assert!(found.next().is_none());
+    row
+}
+
+// ---- simulate
+
+#[test]
+fn simulate_writes_a_recording_by_the_scenarios_name() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    write(at, "small.toml", &scenario("", "poses = 3", ""));
+    let said = done(at, &["simulate", "small.toml"]);
+    assert_eq!(
+        said,
+        "small.mcap · 3 readings\nsmall.truth.toml · the truth, for scoring\n\n\
+         next     misfit fit small.mcap\n"
+    );
+    let expected = ["small.mcap", "small.toml", "small.truth.toml"];
+    assert_eq!(files(at), expected.map(str::to_owned).into());
+}
+
+#[test]
+fn simulate_writes_where_it_is_told_and_the_truth_beside_it() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    write(at, "s.toml", &scenario("", "poses = 3", TRUTH));
+    fs::create_dir(at.join("out")).unwrap();
+    done(at, &["simulate", "s.toml", "-o", "out/x.1.mcap"]);
+    let expected = ["x.1.mcap", "x.1.truth.toml"];
+    assert_eq!(files(&at.join("out")), expected.map(str::to_owned).into());
+
+    // two folders that differ after a point keep a truth each
+    done(at, &["simulate", "s.toml", "--csv", "deep/cell.1"]);
+    done(at, &["simulate", "s.toml", "--csv", "deep/cell.2/"]);
+    let expected = ["cell.1", "cell.1.truth.toml", "cell.2", "cell.2.truth.toml"];
+    assert_eq!(files(&at.join("deep")), expected.map(str::to_owned).into());
+    let expected = ["campaign.toml", "readings.csv", "six_axis.urdf"];
+    assert_eq!(
+        files(&at.join("deep/cell.1")),
+        expected.map(str::to_owned).into()
+    );
+
+    // `.` has a name, too
+    let here = at.join("here");
+    fs::create_dir(&here).unwrap();
+    done(&here, &["simulate", "../s.toml", "--csv", "."]);
+    assert_eq!(files(&here), expected.map(str::to_owned).into());
+    assert!(at.join("here.truth.toml").exists());
+}
+
+#[test]
+fn the_truth_is_in_its_own_file_alone() {
+    let truth = fs::read_to_string(lab().join("cell.truth.toml")).unwrap();
+    assert!(truth.contains("kind = \"joint_compliance\"\n[effect.values]\n\"a1\" = 1e-6\n"));
+    assert!(truth.contains("\"rz\" = 2.5\n"));
+    for name in files(&lab().join("cell")) {
+        let text = fs::read_to_string(lab().join("cell").join(&name)).unwrap();
+        for word in ["compliance", "truth", "2.5e0", "seed"] {
+            assert!(!text.contains(word), "{word} in {name}");
+        }
+    }
+    let recording = fs::read(lab().join("cell.mcap")).unwrap();
+    for word in ["joint_compliance", "truth", "[design]"] {
+        let holds = recording.windows(word.len()).any(|w| w == word.as_bytes());
+        assert!(!holds, "{word} in the recording");
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    write(at, "cell.toml", &cell());
+    let campaign = |name: &str, threads: Option<&str>, seed: Option<&str>| {
+        let mut command = misfit(at);
+        if let Some(threads) = threads {
+            command.env("RAYON_NUM_THREADS", threads);
+        }
+        let recording = format!("{name}.mcap");
+        command.args(["simulate", "cell.toml", "-o", &recording, "--csv", name]);
+        if let Some(seed) = seed {
+            command.args(["--seed", seed]);
+        }
+        command.assert().success();
+        let read = |file: PathBuf| fs::read(file).unwrap();
+        [
+            read(at.join(&recording)),
+            read(at.join(name).join("readings.csv")),
+            read(at.join(name).join("campaign.toml")),
+            read(at.join(format!("{name}.truth.toml"))),
+        ]
+    };
+    let first = campaign("a", None, None);
+    for (name, threads) in [("b", "1"), ("c", "2"), ("d", "8")] {
+        assert!(
+            campaign(name, Some(threads), None) == first,
+            "{threads} threads"
+        );
+    }
+    assert!(
+        campaign("e", None, Some("3")) == first,
+        "the scenario's own seed"
+    );
+    let other = campaign("f", None, Some("4"));
+    assert!(other[0] != first[0] && other[1] != first[1]);
+    assert!(other[2] == first[2], "the campaign file holds no seed");
+}
+
+// ---- fit
+
+#[test]
+fn the_recording_and_the_table_give_the_same_result() {
+    let recording = done(lab(), &["fit", "cell.mcap", "--json"]);
+    let table = done(lab(), &["fit", "cell/campaign.toml", "--json"]);
+    assert_eq!(recording, table);
+    // and so does any number of threads
+    for threads in ["1", "8"] {
+        let mut command = misfit(lab());
+        command.env("RAYON_NUM_THREADS", threads);
+        let output = command
+            .args(["fit", "cell.mcap", "--json"])
+            .output()
+            .unwrap();
+        assert_eq!(String::from_utf8(output.stdout).unwrap(), recording);
+    }
+}
+
+/// Checks `E` of the contract.
+#[track_caller]
+fn assert_errors(errors: &Value) {
+    for key in [
+        "position_rms_m",
+        "position_mean_m",
+        "position_max_m",
+        "whitened_rms",
+    ] {
+        assert!(errors[key].as_f64().unwrap() > 0.0, "{key} of {errors}");
+    }
+    let orientation = &errors["orientation_rms_rad"];
+    assert!(orientation.is_null() || orientation.as_f64().unwrap() > 0.0);
+    // mean ≤ root mean square ≤ maximum, whatever the readings
+    let of = |key: &str| errors[key].as_f64().unwrap();
+    assert!(of("position_mean_m") <= of("position_rms_m"));
+    assert!(of("position_rms_m") <= of("position_max_m"));
+}
+
+/// Checks a whole document `misfit.fit/1`.
+#[track_caller]
+fn assert_fit_document(document: &Value) {
+    assert_eq!(document["schema"], "misfit.fit/1");
+    let effects = document["effects"].as_array().unwrap();
+    assert!(effects.iter().all(Value::is_string));
+    for key in ["fit", "heldout", "rejected"] {
+        assert!(document["readings"][key].is_u64(), "{key}");
+    }
+    assert_errors(&document["fit"]);
+    let object = document.as_object().unwrap();
+    assert!(object.contains_key("heldout"));
+    if !document["heldout"].is_null() {
+        assert_errors(&document["heldout"]);
+    }
+    let noise = &document["noise"];
+    let source = noise["source"].as_str().unwrap();
+    assert!(["replicates", "campaign", "residual"].contains(&source));
+    assert!(noise["position_sigma_m"].as_f64().unwrap() > 0.0);
+    let sigma = &noise["orientation_sigma_rad"];
+    assert!(sigma.is_null() || sigma.as_f64().unwrap() > 0.0);
+    for row in document["parameters"].as_array().unwrap() {
+        assert!(effects.contains(&row["effect"]), "{row}");
+        assert!(row["name"].is_string() && row["value"].is_f64(), "{row}");
+        assert!(!row["unit"].as_str().unwrap().is_empty(), "{row}");
+        let status = row["status"].as_str().unwrap();
+        assert!(
+            ["estimated", "held", "unobservable", "at_bound"].contains(&status),
+            "{row}"
+        );
+        // what is estimated has a standard deviation, and nothing else has
+        match status {
+            "estimated" => assert!(row["std"].as_f64().unwrap() > 0.0, "{row}"),
+            _ => assert!(row["std"].is_null(), "{row}"),
+        }
+    }
+    for row in document["unobservable"].as_array().unwrap() {
+        assert!(row["what"].is_string() && row["why"].is_string(), "{row}");
+    }
+    assert!(document["converged"].is_boolean());
+}
+
+#[test]
+fn the_json_of_a_fit_keeps_the_contract() {
+    let document = json(lab(), &["fit", "cell.mcap", "--json"]);
+    assert_fit_document(&document);
+    let expected = [
+        "tracker_frame",
+        "target_offset",
+        "geometry",
+        "joint_compliance",
+    ];
+    assert_eq!(document["effects"], Value::from(&expected[..]));
+    assert_eq!(document["readings"]["fit"], 40);
+    assert_eq!(document["readings"]["heldout"], 16);
+    assert_eq!(document["noise"]["source"], "replicates");
+    assert_eq!(document["converged"], true);
+    // the springs that the plant had, within 5 of the fit's own standard deviations
+    for (joint, compliance) in [("a2", 1e-6), ("a3", 2e-6), ("a4", 5e-6), ("a5", 5e-6)] {
+        let row = parameter(&document, "joint_compliance", joint);
+        let (value, std) = (row["value"].as_f64().unwrap(), row["std"].as_f64().unwrap());
+        assert_eq!(row["unit"], "rad/(N·m)");
+        assert!((value - compliance).abs() < 5.0 * std, "{row}");
+    }
+    // no weight turns an axis along gravity
+    let row = parameter(&document, "joint_compliance", "a1");
+    assert_eq!(row["status"], "unobservable");
+
+    // a campaign without orientations, repeats, held-out poses and stated noise keeps it, too
+    let folder = copy();
+    let at = folder.path();
+    replace(
+        at.join("campaign.toml"),
+        "[split]\ncolumn = \"split\"\n",
+        "",
+    );
+    let text = fs::read_to_string(at.join("campaign.toml")).unwrap();
+    let (start, _) = text.split_once("[noise]").unwrap();
+    write(at, "campaign.toml", start);
+    let table = fs::read_to_string(at.join("readings.csv")).unwrap();
+    let header: Vec<&str> = table.lines().next().unwrap().split(',').collect();
+    let keep = |word: &str| !matches!(word, "qw" | "qx" | "qy" | "qz" | "split" | "repeat");
+    let repeat = header.iter().position(|word| *word == "repeat").unwrap();
+    let rows: Vec<String> = table
+        .lines()
+        .map(|line| line.split(',').collect::<Vec<_>>())
+        .filter(|cells| cells[repeat] != "2")
+        .map(|cells| {
+            let kept = cells.iter().zip(&header).filter(|(_, word)| keep(word));
+            kept.map(|(cell, _)| *cell).collect::<Vec<_>>().join(",")
+        })
+        .collect();
+    write(at, "readings.csv", &(rows.join("\n") + "\n"));
+    let document = json(at, &["fit", "campaign.toml", "--json"]);
+    assert_fit_document(&document);
+    assert_eq!(document["noise"]["source"], "residual");
+    assert!(document["fit"]["orientation_rms_rad"].is_null());
+    // cross-validated, as nothing is held out
+    assert!(document["heldout"].is_object());
+    let words = ["fit", "campaign.toml", "--json", "--no-cross-validation"];
+    assert!(json(at, &words)["heldout"].is_null());
+    // noise from what is left makes every whitened rms one: then it is not shown
+    assert!(!done(at, &["fit", "campaign.toml"]).contains("rms / noise"));
+}
+
+#[test]
+fn the_text_of_a_fit_names_what_matters() {
+    let text = done(lab(), &["fit", "cell.mcap"]);
+    for part in [
+        "cell · robot six_axis · 40 readings fitted · 16 held out",
+        "frames alone, held out",
+        "from 20 groups of repeats",
+        "K = 1/c",
+        "joint_compliance.a1 · no reading loads the a1 axis",
+        "converged in",
+    ] {
+        assert!(text.contains(part), "no {part:?} in:\n{text}");
+    }
+    assert!(!text.contains("a3.rx"));
+    assert!(done(lab(), &["fit", "cell.mcap", "--all"]).contains("a3.rx"));
+}
+
+#[test]
+fn effects_are_chosen_or_added() {
+    let effects = |words: &[&str]| {
+        let document = json(lab(), &[&["fit", "cell.mcap", "--json"], words].concat());
+        assert_fit_document(&document);
+        let ids = document["effects"].as_array().unwrap();
+        let ids: Vec<&str> = ids.iter().map(|id| id.as_str().unwrap()).collect();
+        ids.join(" ")
+    };
+    let frames = "tracker_frame target_offset";
+    assert_eq!(effects(&["--effects", ""]), frames);
+    assert_eq!(
+        effects(&["--effects", "joint_compliance,joint_offset"]),
+        format!("{frames} joint_offset joint_compliance")
+    );
+    assert_eq!(
+        effects(&["--effects", "+joint_offset"]),
+        format!("{frames} joint_offset geometry joint_compliance")
+    );
+    write(
+        lab(),
+        "one.toml",
+        "[[effect]]\nkind = \"joint_compliance\"\n",
+    );
+    assert_eq!(
+        effects(&["--model", "one.toml"]),
+        format!("{frames} joint_compliance")
+    );
+    assert_eq!(
+        effects(&["--model", "one.toml", "--effects", "+joint_offset"]),
+        format!("{frames} joint_offset joint_compliance")
+    );
+}
+
+#[test]
+fn a_held_parameter_is_applied_and_not_changed() {
+    let fit = |name: &str, compliance: f64| {
+        let text = format!(
+            "[[effect]]\nkind = \"joint_compliance\"\nhold = [\"a2\", \"a3\"]\n\
+             values = {{ a2 = {compliance:e}, a3 = 2e-6 }}\n"
+        );
+        write(lab(), name, &text);
+        let document = json(lab(), &["fit", "cell.mcap", "--json", "--model", name]);
+        assert_fit_document(&document);
+        let row = parameter(&document, "joint_compliance", "a2");
+        assert_eq!(row["status"], "held");
+        assert_eq!(row["value"].as_f64(), Some(compliance));
+        let row = parameter(&document, "joint_compliance", "a4");
+        assert_ne!(row["status"], "held");
+        document["fit"]["whitened_rms"].as_f64().unwrap()
+    };
+    let (right, none, wrong) = (
+        fit("right.toml", 1e-6),
+        fit("none.toml", 0.0),
+        fit("wrong.toml", 5e-6),
+    );
+    // 1 is noise alone; frames and the other springs cannot hide millimetres of sag behind 10 µm of noise
+    assert!((0.8..1.2).contains(&right), "{right}");
+    assert!(none > 3.0 * right && wrong > 3.0 * none, "{none}, {wrong}");
+
+    // nothing left to estimate is no trouble
+    let all = "[[effect]]\nkind = \"joint_compliance\"\nhold = true\n\
+        [[effect]]\nkind = \"tracker_frame\"\nhold = true\nvalues = { x = 2.5, y = 0.5, z = 1, rz = 2.5 }\n\
+        [[effect]]\nkind = \"target_offset\"\nhold = true\n";
+    write(lab(), "all.toml", all);
+    let document = json(
+        lab(),
+        &["fit", "cell.mcap", "--json", "--model", "all.toml"],
+    );
+    let rows = document["parameters"].as_array().unwrap();
+    assert!(rows.iter().all(|row| row["status"] == "held"));
+    done(lab(), &["fit", "cell.mcap", "--model", "all.toml"]);
+}
+
+#[test]
+fn held_out_readings_are_only_shown() {
+    let folder = copy();
+    let at = folder.path();
+    let before = json(at, &["fit", "campaign.toml", "--json"]);
+    // every held-out reading a metre and a radian off, and another payload
+    let table = fs::read_to_string(at.join("readings.csv")).unwrap();
+    let mut lines = table.lines();
+    let header: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let column = |name: &str| header.iter().position(|word| *word == name).unwrap();
+    let (split, x, q, mass) = (
+        column("split"),
+        column("x_m"),
+        column("qw"),
+        column("payload_kg"),
+    );
+    let mut changed = vec![header.join(",")];
+    for line in lines {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if cells[split] == "heldout" {
+            let value: f64 = cells[x].parse().unwrap();
+            cells[x] = (value + 1.0).to_string();
+            cells[mass] = "3.0".to_owned();
+            for (cell, value) in cells[q..q + 4].iter_mut().zip(["0.6", "0", "0.8", "0"]) {
+                *cell = value.to_owned();
+            }
+        }
+        changed.push(cells.join(","));
+    }
+    write(at, "readings.csv", &(changed.join("\n") + "\n"));
+    let after = json(at, &["fit", "campaign.toml", "--json"]);
+    for key in [
+        "effects",
+        "readings",
+        "fit",
+        "noise",
+        "parameters",
+        "unobservable",
+        "converged",
+    ] {
+        assert_eq!(before[key], after[key], "{key}");
+    }
+    assert!(before["heldout"]["position_rms_m"].as_f64().unwrap() < 1e-4);
+    assert!(after["heldout"]["position_rms_m"].as_f64().unwrap() > 0.9);
+}
+
+#[test]
+fn the_papers_estimator_is_a_method() {
+    let text = done(lab(), &["fit", "cell.mcap", "--method", "paper"]);
+    assert!(
+        text.contains("10 loaded poses beside their unloaded ones"),
+        "{text}"
+    );
+    let document = json(lab(), &["fit", "cell.mcap", "--method", "paper", "--json"]);
+    assert_eq!(document["schema"], "misfit.paper/1");
+    assert_eq!(
+        parameter(&document, "joint_compliance", "a1")["status"],
+        "unobservable"
+    );
+    let row = parameter(&document, "joint_compliance", "a2");
+    // three of its own standard deviations of 7 %
+    assert!(
+        (row["value"].as_f64().unwrap() / 1e-6 - 1.0).abs() < 0.2,
+        "{row}"
+    );
+}
+
+#[test]
+fn a_fit_that_does_not_converge_says_so_and_ends_with_3() {
+    // a start so soft that no step leads out of it
+    write(
+        lab(),
+        "soft.toml",
+        "[[effect]]\nkind = \"joint_compliance\"\nvalues = { a2 = 1.0 }\n",
+    );
+    let text = ends(3, lab(), &["fit", "cell.mcap", "--model", "soft.toml"]);
+    assert!(text.contains("NOT CONVERGED after"), "{text}");
+    assert!(!text.contains("NaN"), "{text}");
+}
+
+#[test]
+fn few_readings_are_a_result() {
+    let folder = copy();
+    let at = folder.path();
+    let table = fs::read_to_string(at.join("readings.csv")).unwrap();
+    for rows in [1, 3] {
+        let kept: Vec<&str> = table
+            .lines()
+            .filter(|line| !line.contains(",heldout,"))
+            .take(1 + rows)
+            .collect();
+        write(at, "readings.csv", &(kept.join("\n") + "\n"));
+        let document = json(at, &["fit", "campaign.toml", "--json"]);
+        assert_fit_document(&document);
+        assert_eq!(document["readings"]["fit"], rows);
+        let rows_of = document["parameters"].as_array().unwrap();
+        let unobservable = rows_of.iter().filter(|row| row["status"] == "unobservable");
+        // 54 parameters, and at most 6 numbers a reading
+        assert!(unobservable.count() >= 54 - 6 * rows);
+        let text = done(at, &["fit", "campaign.toml"]);
+        assert!(text.contains("not seen"), "{text}");
+        assert!(!text.contains("NaN") && !text.contains("inf"), "{text}");
+    }
+}
+
+// ---- effects
+
+#[test]
+fn the_catalogue_and_its_pages() {
+    let list = done(lab(), &["effects"]);
+    let ids = [
+        "tracker_frame",
+        "target_offset",
+        "joint_offset",
+        "geometry",
+        "joint_compliance",
+    ];
+    for id in ids {
+        let line = list
+            .lines()
+            .filter(|line| line.starts_with(&format!("  {id} ")));
+        assert_eq!(line.count(), 1, "{id} in:\n{list}");
+        let page = done(lab(), &["effects", "show", id]);
+        assert!(page.starts_with(&format!("{id}\n\n")), "{page}");
+        for heading in [
+            "## Law",
+            "## Signature",
+            "## Confused with",
+            "## Plant",
+            "## Sources",
+        ] {
+            assert!(
+                page.lines().any(|line| line == heading),
+                "{heading} of {id}"
+            );
+        }
+        // paragraphs are filled: no line is broken before the next word's place is used up
+        let lines: Vec<&str> = page.lines().collect();
+        for pair in lines.windows(2) {
+            let word = pair[1].split(' ').next().unwrap();
+            let prose =
+                |line: &str| !line.is_empty() && !line.starts_with(['#', '|', '-', '*', ' ']);
+            if prose(pair[0]) && prose(pair[1]) {
+                let used = pair[0].chars().count() + 1 + word.chars().count();
+                assert!(used > 100, "broken early: {}", pair[0]);
+            }
+        }
+    }
+    refused(
+        lab(),
+        &["effects", "show", "nothing"],
+        &["\"nothing\"", "tracker_frame, target_offset, joint_offset"],
+    );
+}
+
+// ---- run
+
+const EXPECT: &str = "[expect]\nconverged = true\nfit_position_rms_mm = 0.05\n\
+    heldout_position_rms_mm = 0.1\nwhitened_rms = [0.5, 1.5]\n\
+    [[expect.parameter]]\nname = \"joint_compliance.a1\"\nstatus = \"unobservable\"\n\
+    [[expect.parameter]]\nname = \"joint_compliance.a2\"\nrelative_error = 0.05\nsigmas = 5\n";
+
+#[test]
+fn run_with_expectations_met() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let text = scenario("title = \"a title\"", DESIGN, &format!("{TRUTH}{EXPECT}"));
+    write(at, "good.toml", &text);
+    let text = done(at, &["run", "good.toml"]);
+    assert!(text.starts_with("scenario good · a title\n"), "{text}");
+    assert!(text.ends_with("expect   7 of 7 met\n"), "{text}");
+    assert_eq!(
+        files(at),
+        ["good.toml".to_owned()].into(),
+        "nothing is kept"
+    );
+
+    let document = json(at, &["run", "good.toml", "--json", "-o", "kept/deep"]);
+    assert_eq!(document["schema"], "misfit.run/1");
+    assert_eq!(document["scenario"], "good");
+    assert_eq!(document["seed"], 3);
+    assert_eq!(document["passed"], true);
+    assert_fit_document(&document["fit"]);
+    assert_eq!(document["expect"].as_array().unwrap().len(), 7);
+    for check in document["expect"].as_array().unwrap() {
+        assert_eq!(check["met"], true, "{check}");
+        for key in ["what", "found", "accepted"] {
+            assert!(check[key].is_string(), "{check}");
+        }
+    }
+    let kept = at.join("kept/deep");
+    let expected = ["good.mcap", "good.result.json", "good.truth.toml"];
+    assert_eq!(files(&kept), expected.map(str::to_owned).into());
+    let result = fs::read_to_string(kept.join("good.result.json")).unwrap();
+    assert_eq!(serde_json::from_str::<Value>(&result).unwrap(), document);
+    // what `run` fits is what `fit` makes of the recording it keeps
+    let alone = json(&kept, &["fit", "good.mcap", "--json"]);
+    assert_eq!(alone, document["fit"]);
+}
+
+#[test]
+fn run_with_an_expectation_missed() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let tail = format!("{TRUTH}{EXPECT}").replace("relative_error = 0.05", "relative_error = 1e-9");
+    write(at, "bad.toml", &scenario("", DESIGN, &tail));
+    let text = ends(3, at, &["run", "bad.toml"]);
+    assert!(text.contains("expect   6 of 7 met\n"), "{text}");
+    let missed = "  MISSED relative error of joint_compliance.a2: found ";
+    let line = text.lines().find(|line| line.starts_with(missed));
+    assert!(
+        line.unwrap().contains("; accepted: at most 1.00e-9"),
+        "{text}"
+    );
+    let document: Value =
+        serde_json::from_str(&ends(3, at, &["run", "bad.toml", "--json", "-o", "out"])).unwrap();
+    assert_eq!(document["passed"], false);
+    // the result is kept all the more
+    assert!(at.join("out/bad.result.json").exists());
+}
+
+#[test]
+fn run_says_that_nothing_is_expected() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    write(at, "any.toml", &scenario("", "poses = 3", ""));
+    let text = done(at, &["run", "any.toml"]);
+    assert!(text.contains("nothing is expected"), "{text}");
+    assert!(!text.contains("\n\n\n"), "{text}");
+    let other = done(at, &["run", "any.toml", "--seed", "4"]);
+    assert_ne!(text, other);
+}
+
+#[test]
+fn run_studies_many_campaigns() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    write(at, "study.toml", &scenario("campaigns = 4", DESIGN, TRUTH));
+    let text = done(at, &["run", "study.toml", "-o", "out"]);
+    assert!(text.contains("4 campaigns: variance"), "{text}");
+    assert_eq!(
+        files(&at.join("out")),
+        ["study.result.json".to_owned()].into()
+    );
+    let document = json(at, &["run", "study.toml", "--campaigns", "2", "--json"]);
+    assert_eq!(document["study"]["campaigns"], 2);
+    assert!(document["fit"].is_null());
+}
+
+// ---- usage and streams
+
+#[test]
+fn wrong_usage_ends_with_2() {
+    for words in [
+        &[][..],
+        &["nothing"],
+        &["fit"],
+        &["fit", "a.toml", "--nothing"],
+        &["fit", "a.toml", "--method", "nothing"],
+        &["fit", "a.toml", "b.toml"],
+        &[
+            "fit",
+            "cell.mcap",
+            "--method",
+            "paper",
+            "--effects",
+            "geometry",
+        ],
+        &["run"],
+        &["run", "cell.toml", "--campaigns", "0"],
+        &["run", "cell.toml", "--seed", "x"],
+        &["simulate"],
+        &["simulate", "cell.toml", "-o", "cell.toml"],
+        &["simulate", "cell.toml", "-o", "cell"],
+        &["effects", "nothing"],
+        &["effects", "show"],
+    ] {
+        let ran = run(lab(), words);
+        assert_eq!(ran.code, Some(2), "{words:?}: {}", ran.err);
+        assert_eq!(ran.out, "", "{words:?}");
+        assert!(
+            ran.err.contains("--help") || ran.err.contains("Usage: misfit"),
+            "{}",
+            ran.err
+        );
+    }
+    let scenario = fs::read_to_string(lab().join("cell.toml")).unwrap();
+    assert_eq!(scenario, cell(), "the scenario is no recording's place");
+}
+
+#[test]
+fn help_fits_the_page_and_tells_the_exit_codes() {
+    let help = done(lab(), &["--help"]);
+    assert!(help.contains("Exit codes: 0 done; 1 could not do it; 2 wrong usage; 3"));
+    for command in ["simulate", "fit", "run", "effects"] {
+        assert!(help.contains(&format!("\n  {command} ")), "{help}");
+        // clap leaves blanks on empty lines between possible values
+        let ran = run(lab(), &[command, "--help"]);
+        assert_eq!(ran.code, Some(0));
+        assert!(ran.out.lines().all(|line| line.chars().count() <= 100));
+        assert!(ran.out.contains("Examples:\n  misfit "), "{}", ran.out);
+    }
+    assert!(done(lab(), &["--version"]).starts_with("misfit "));
+}
+
+#[test]
+fn a_reader_that_leaves_is_no_fault() {
+    for words in [
+        &["fit", "cell.mcap", "--json"][..],
+        &["fit", "cell.mcap"],
+        &["run", "cell.toml"],
+        &["effects"],
+        &["effects", "show", "geometry"],
+        &["--help"],
+    ] {
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_misfit"))
+            .args(words)
+            .current_dir(lab())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // closed before anything is written
+        drop(child.stdout.take());
+        let output = child.wait_with_output().unwrap();
+        let err = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.success(), "{words:?}: {err}");
+        assert_eq!(err, "", "{words:?}");
+    }
+}
+
+// ---- bad input
+
+#[test]
+fn campaigns_that_are_refused() {
+    /// File, what is replaced in it by what, and what the message must hold.
+    type Case = (
+        &'static str,
+        &'static str,
+        &'static str,
+        &'static [&'static str],
+    );
+    let cases: [Case; 13] = [
+        (
+            "readings.csv",
+            "x_m",
+            "x_furlong",
+            &["readings.csv", "x_furlong"],
+        ),
+        (
+            "readings.csv",
+            ",x_m",
+            ",x_m,colour",
+            &["readings.csv", "colour"],
+        ),
+        ("readings.csv", "y_m", "y_mm_", &["readings.csv", "y_m"]),
+        (
+            "readings.csv",
+            "a3_rad",
+            "a9_rad",
+            &["readings.csv", "a9_rad", "a1"],
+        ),
+        (
+            "readings.csv",
+            "p009,1,fit,0.0,",
+            "p009,1,fit,NaN,",
+            &["line 2", "time_s", "NaN"],
+        ),
+        (
+            "readings.csv",
+            "p009,1,fit,0.0,",
+            "p009,1,maybe,0.0,",
+            &["line 2", "split", "maybe"],
+        ),
+        (
+            "readings.csv",
+            "p009,1,fit,0.0,",
+            "p009,1,fit,",
+            &["readings.csv", "line 2"],
+        ),
+        (
+            "campaign.toml",
+            "link = \"flange\"",
+            "link = \"elbow\"",
+            &["target.link", "a3_link"],
+        ),
+        (
+            "campaign.toml",
+            "= [0.0, 0.0, -9.81]",
+            "= [0, 0, 1e999]",
+            &["campaign.toml", "gravity"],
+        ),
+        (
+            "campaign.toml",
+            "base_from_tracker = \"estimate\"",
+            "base_from_tracker = [0, 0, 0, 1, 1, 0, 0]",
+            &["campaign.toml", "frames.base_from_tracker"],
+        ),
+        (
+            "campaign.toml",
+            "position_m = 1e-5",
+            "position_m = -1",
+            &["noise.position_m", "-1"],
+        ),
+        (
+            "campaign.toml",
+            "[split]",
+            "typo = 1\n[split]",
+            &["campaign.toml", "typo"],
+        ),
+        (
+            "campaign.toml",
+            "readings.csv",
+            "nowhere.csv",
+            &["nowhere.csv", "No such file"],
+        ),
+    ];
+    for (file, from, to, parts) in cases {
+        let folder = copy();
+        replace(folder.path().join(file), from, to);
+        refused(folder.path(), &["fit", "campaign.toml"], parts);
+    }
+    // a quaternion that is none, an empty table, nothing but a header
+    let folder = copy();
+    let at = folder.path();
+    let table = fs::read_to_string(at.join("readings.csv")).unwrap();
+    let mut lines: Vec<String> = table.lines().map(str::to_owned).collect();
+    let column = lines[0].split(',').position(|word| word == "qw").unwrap();
+    let mut cells: Vec<&str> = lines[4].split(',').collect();
+    cells[column] = "0.9999";
+    lines[4] = cells.join(",");
+    write(at, "readings.csv", &lines.join("\n"));
+    refused(
+        at,
+        &["fit", "campaign.toml"],
+        &["readings.csv", "line 5", "q"],
+    );
+    write(at, "readings.csv", &lines[0]);
+    refused(at, &["fit", "campaign.toml"], &["readings.csv"]);
+    write(at, "readings.csv", "");
+    refused(at, &["fit", "campaign.toml"], &["readings.csv"]);
+    // all held out
+    let all: Vec<String> = table
+        .lines()
+        .map(|line| line.replace(",fit,", ",heldout,"))
+        .collect();
+    write(at, "readings.csv", &all.join("\n"));
+    refused(
+        at,
+        &["fit", "campaign.toml"],
+        &["campaign.toml", "all 56 are held out"],
+    );
+}
+
+#[test]
+fn robots_that_are_refused() {
+    let joint = |name: &str, parent: &str, child: &str| {
+        format!(
+            "<joint name=\"{name}\" type=\"revolute\"><parent link=\"{parent}\"/><child link=\"{child}\"/>\
+             <axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"1\" effort=\"1\" velocity=\"1\"/></joint>"
+        )
+    };
+    let robot = |body: &str| format!("<robot name=\"r\"><link name=\"a\"/>{body}</robot>");
+    let link = "<link name=\"b\"/><link name=\"flange\"/>";
+    let (one, two) = (joint("j1", "a", "b"), joint("j2", "b", "flange"));
+    let cases = [
+        (
+            robot(&format!("{link}{one}{two}{}", joint("j3", "flange", "b"))),
+            "j",
+        ),
+        (
+            robot(&format!("{link}{one}{}", joint("j1", "b", "flange"))),
+            "j1",
+        ),
+        (robot(&format!("{link}<link name=\"b\"/>{one}{two}")), "b"),
+        ("<robot".to_owned(), ""),
+        (String::new(), ""),
+    ];
+    for (text, part) in cases {
+        let folder = copy();
+        write(folder.path(), "six_axis.urdf", &text);
+        refused(
+            folder.path(),
+            &["fit", "campaign.toml"],
+            &["six_axis.urdf", part],
+        );
+    }
+    // a mesh is not used: that it is missing is no trouble
+    let folder = copy();
+    let mesh = "<link name=\"flange\"><visual><geometry><mesh filename=\"gone.stl\"/></geometry></visual></link>";
+    replace(
+        folder.path().join("six_axis.urdf"),
+        "<link name=\"flange\"/>",
+        mesh,
+    );
+    done(folder.path(), &["fit", "campaign.toml"]);
+    let folder = copy();
+    fs::remove_file(folder.path().join("six_axis.urdf")).unwrap();
+    refused(
+        folder.path(),
+        &["fit", "campaign.toml"],
+        &["six_axis.urdf", "No such file"],
+    );
+}
+
+#[test]
+fn files_that_are_no_campaigns_are_refused() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let recording = fs::read(lab().join("cell.mcap")).unwrap();
+    for share in [0, 3, recording.len() / 2, recording.len() - 1] {
+        fs::write(at.join("cut.mcap"), &recording[..share]).unwrap();
+        refused(
+            at,
+            &["fit", "cut.mcap"],
+            &["cut.mcap", "not a whole MCAP file"],
+        );
+    }
+    refused(at, &["fit", "gone.mcap"], &["gone.mcap", "No such file"]);
+    refused(at, &["fit", "gone.toml"], &["gone.toml", "No such file"]);
+    refused(at, &["fit", "a.csv"], &["a.csv", ".toml", ".mcap"]);
+    refused(at, &["fit", "."], &["a folder", ".toml", ".mcap"]);
+    fs::write(at.join("bytes.toml"), [0xff, 0xfe, 0x00]).unwrap();
+    refused(at, &["fit", "bytes.toml"], &["bytes.toml"]);
+    refused(at, &["run", "bytes.toml"], &["bytes.toml"]);
+}
+
+#[test]
+fn models_that_are_refused() {
+    let known = "tracker_frame, target_offset, joint_offset, geometry, joint_compliance";
+    let fit = ["fit", "cell.mcap"];
+    let with = |words: &[&'static str]| [&fit[..], words].concat();
+    refused(
+        lab(),
+        &with(&["--effects", "nothing"]),
+        &["--effects", "\"nothing\"", known],
+    );
+    refused(
+        lab(),
+        &with(&["--effects", "+nothing"]),
+        &["\"nothing\"", known],
+    );
+    refused(
+        lab(),
+        &with(&["--effects", "geometry,geometry"]),
+        &["\"geometry\" is named twice"],
+    );
+    refused(
+        lab(),
+        &with(&["--model", "gone.toml"]),
+        &["gone.toml", "No such file"],
+    );
+    let cases: [(&str, &[&str]); 11] = [
+        ("x = 1\n", &["unknown field `x`"]),
+        ("[[effect]]\n", &["number 1", "kind"]),
+        ("[[effect]]\nkind = \"nothing\"", &["\"nothing\"", known]),
+        (
+            "[[effect]]\nkind = \"geometry\"\noption = 1",
+            &["geometry", "option"],
+        ),
+        (
+            "[[effect]]\nkind = \"geometry\"\nhold = 3",
+            &["geometry", "hold"],
+        ),
+        (
+            "[[effect]]\nkind = \"geometry\"\nhold = [\"q\"]",
+            &["\"q\"", "a1.x", "a6.rz"],
+        ),
+        (
+            "[[effect]]\nkind = \"geometry\"\nvalues = { q = 1 }",
+            &["\"q\"", "a1.x", "a6.rz"],
+        ),
+        (
+            "[[effect]]\nkind = \"geometry\"\nvalues = { \"a1.x\" = nan }",
+            &["a1.x", "nan"],
+        ),
+        (
+            "[[effect]]\nkind = \"geometry\"\nvalues = { \"a1.x\" = \"1\" }",
+            &["a1.x", "number"],
+        ),
+        (
+            "[[effect]]\nkind = \"joint_compliance\"\nvalues = { a2 = -1e-6 }",
+            &["a2", "accepted: 0"],
+        ),
+        (
+            "[[effect]]\nkind = \"geometry\"\n[[effect]]\nkind = \"geometry\"",
+            &["named twice"],
+        ),
+    ];
+    for (index, (text, parts)) in cases.into_iter().enumerate() {
+        let name = format!("model{index}.toml");
+        write(lab(), &name, text);
+        let words = [&fit[..], &["--model", &name]].concat();
+        refused(lab(), &words, &[&[name.as_str()], parts].concat());
+    }
+}
+
+#[test]
+fn scenarios_that_are_refused() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let check = |text: &str, parts: &[&str]| {
+        write(at, "s.toml", text);
+        for command in ["simulate", "run"] {
+            refused(at, &[command, "s.toml"], &[&["s.toml"], parts].concat());
+        }
+        assert_eq!(
+            files(at),
+            ["s.toml".to_owned()].into(),
+            "nothing is written"
+        );
+    };
+    let top: [(&str, &[&str]); 4] = [
+        ("typo = 1", &["`typo`", "`design`"]),
+        ("gravity = [0, 0]", &["gravity"]),
+        ("seed = 4", &["seed"]),
+        ("base = \"nothing\"", &[]),
+    ];
+    for (text, parts) in top {
+        let text = scenario(text, "poses = 3", "");
+        if text.contains("nothing") {
+            // a wrong base is the robot file's
+            write(at, "s.toml", &text);
+            refused(at, &["simulate", "s.toml"], &["six_axis.urdf", "nothing"]);
+        } else {
+            check(&text, parts);
+        }
+    }
+    let designs: [(&str, &[&str]); 15] = [
+        ("", &["poses"]),
+        ("poses = 0", &["poses is 0"]),
+        ("poses = -3", &["design.poses", "-3"]),
+        ("poses = 3\nheldout_poses = 3", &["heldout_poses"]),
+        ("poses = 3\nrepeats = 0", &["repeats is 0"]),
+        ("poses = 3\ndirections = 3", &["directions"]),
+        ("poses = 3\nmargin = 0.5", &["margin"]),
+        ("poses = 3\norder = \"up\"", &["order"]),
+        ("poses = 3\nleast_height_m = nan", &["least_height_m"]),
+        (
+            "poses = 3\nfixed_rad = { nothing = 1 }",
+            &["fixed_rad", "nothing", "a1, a2"],
+        ),
+        ("poses = 3\nloads = [{ mass_kg = -1 }]", &["loads"]),
+        ("poses = 3\nloads = [{ mass_kg = inf }]", &["loads"]),
+        ("poses = 3\ntypo = 1", &["`typo`", "`poses`"]),
+        ("poses = 2000000", &["2000000 readings", "1000000"]),
+        (
+            "poses = 4000000000000000000\nrepeats = 100",
+            &["readings", "1000000"],
+        ),
+    ];
+    for (design, parts) in designs {
+        check(&scenario("", design, ""), parts);
+    }
+    let truths: [(&str, &[&str]); 10] = [
+        (
+            "kind = \"nothing\"",
+            &["\"nothing\"", "geometry, joint_compliance"],
+        ),
+        (
+            "kind = \"joint_compliance\"\nvalues = { a9 = 1e-6 }",
+            &["\"a9\"", "a1, a2"],
+        ),
+        (
+            "kind = \"joint_compliance\"\nvalues = { a1 = -1e-6 }",
+            &["a1", "-0.000001"],
+        ),
+        (
+            "kind = \"joint_compliance\"\npreset = \"soft\"",
+            &["soft", "strain_wave, paper"],
+        ),
+        (
+            "kind = \"joint_compliance\"\npreset = \"paper\"",
+            &["exponent"],
+        ),
+        (
+            "kind = \"joint_compliance\"\npreset = \"paper\"\nexponent = 12",
+            &["12", "0 to 9"],
+        ),
+        (
+            "kind = \"joint_compliance\"\npreset = \"strain_wave\"",
+            &["8 joints", "6"],
+        ),
+        (
+            "kind = \"geometry\"\npreset = \"strain_wave\"",
+            &["preset", "geometry"],
+        ),
+        ("kind = \"geometry\"\nrandom = -1", &["random", "-1"]),
+        ("kind = \"geometry\"\nhold = true", &["hold"]),
+    ];
+    for (truth, parts) in truths {
+        check(
+            &scenario("", "poses = 3", &format!("[[truth]]\n{truth}")),
+            parts,
+        );
+    }
+    check(
+        &scenario("", "poses = 3", "[expect]\ntypo = 1"),
+        &["`typo`", "`converged`"],
+    );
+    let text = scenario("", "poses = 3", "");
+    check(
+        &text.replace(NOISE, "position_m = -1\n"),
+        &["noise.position_m", "-1"],
+    );
+    check(
+        &text.replace("link = \"flange\"", "link = \"hand\""),
+        &["target.link", "hand", "flange"],
+    );
+    write(at, "s.toml", &text.replace(SIX_AXIS, "gone.urdf"));
+    refused(at, &["run", "s.toml"], &["gone.urdf", "No such file"]);
+    write(at, "s.toml", &text.replace(SIX_AXIS, "s.toml"));
+    refused(at, &["run", "s.toml"], &["s.toml"]);
+    refused(at, &["run", "gone.toml"], &["gone.toml", "No such file"]);
+    // a model is the fit's: simulate does not ask for it
+    write(
+        at,
+        "s.toml",
+        &scenario("effects = [\"nothing\"]", "poses = 3", ""),
+    );
+    refused(at, &["run", "s.toml"], &["\"nothing\"", "geometry"]);
+}
+
+#[test]
+fn an_arm_that_collapses_under_its_load_is_refused() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    // the paper's tables read with an exponent two below the usual one: 5 kg is more than the joints hold
+    let text = format!(
+        "robot = {SDA5F:?}\nseed = 1\n[[target]]\nname = \"r1\"\nlink = \"r1_flange\"\n\
+         [design]\nposes = 20\nloads = [{{ mass_kg = 5.0, com_m = [0.05, 0.0, 0.05] }}]\n\
+         [[truth]]\nkind = \"joint_compliance\"\npreset = \"paper\"\nexponent = 2\n"
+    );
+    write(at, "soft.toml", &text);
+    for command in ["simulate", "run"] {
+        refused(at, &[command, "soft.toml"], &["soft", "joint `r1_", "load"]);
+    }
+    refused(at, &["run", "soft.toml", "-o", "out"], &["soft"]);
+    assert_eq!(
+        files(at),
+        ["soft.toml".to_owned()].into(),
+        "nothing is written"
+    );
+}
+
+#[test]
+fn places_that_cannot_be_written_are_refused() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    write(at, "s.toml", &scenario("", "poses = 3", ""));
+    write(at, "file", "mine");
+    fs::create_dir(at.join("folder.mcap")).unwrap();
+    let simulate = |words: &[&str], part: &str| {
+        refused(at, &[&["simulate", "s.toml"], words].concat(), &[part]);
+    };
+    simulate(&["-o", "gone/x.mcap"], "gone/x.mcap: cannot be written");
+    simulate(&["-o", "file/x.mcap"], "file/x.mcap: cannot be written");
+    simulate(&["-o", "folder.mcap"], "folder.mcap: cannot be written");
+    simulate(&["--csv", "file"], "file: cannot be written");
+    simulate(&["--csv", "file/deep"], "file/deep: cannot be written");
+    refused(
+        at,
+        &["run", "s.toml", "-o", "file"],
+        &["file: cannot be made"],
+    );
+    refused(
+        at,
+        &["run", "s.toml", "-o", "file/deep"],
+        &["file/deep: cannot be made"],
+    );
+    let expected = ["file", "folder.mcap", "s.toml"];
+    assert_eq!(files(at), expected.map(str::to_owned).into());
+    assert_eq!(fs::read_to_string(at.join("file")).unwrap(), "mine");
+    assert!(files(&at.join("folder.mcap")).is_empty());
+}

@@ -1,0 +1,198 @@
+//! The invariants of ARCHITECTURE.md that can be read off the sources.
+
+use misfit::effects::CATALOGUE;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// All Rust files under `src`, with their text.
+fn sources() -> Vec<(PathBuf, String)> {
+    fn walk(folder: &Path, found: &mut Vec<(PathBuf, String)>) {
+        let mut entries: Vec<PathBuf> = fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .collect();
+        entries.sort();
+        for path in entries {
+            if path.is_dir() {
+                walk(&path, found);
+            } else if path.extension().is_some_and(|ending| ending == "rs") {
+                let text = fs::read_to_string(&path).unwrap();
+                found.push((path, text));
+            }
+        }
+    }
+    let mut found = Vec::new();
+    walk(Path::new("src"), &mut found);
+    assert!(found.len() > 40, "the sources are not where they were");
+    found
+}
+
+/// Lines that are code, not comment.
+fn code(text: &str) -> impl Iterator<Item = &str> {
+    text.lines()
+        .filter(|line| !line.trim_start().starts_with("//"))
+}
+
+fn speaks_alone(word: &str, home: &str) {
+    let mut speakers = 0;
+    for (path, text) in sources() {
+        let at_home = path.to_string_lossy().starts_with(home);
+        for line in code(&text).filter(|line| line.contains(word)) {
+            assert!(
+                at_home,
+                "{}: {line}: {word} belongs to {home}",
+                path.display()
+            );
+            speakers += 1;
+        }
+    }
+    assert!(speakers > 0, "nobody says {word}: is the test still right?");
+}
+
+#[test]
+fn only_one_module_speaks_mcap() {
+    speaks_alone("mcap::", "src/recording");
+}
+
+#[test]
+fn unsafe_code_lives_in_the_binding_alone() {
+    speaks_alone("unsafe {", "src/mujoco");
+}
+
+#[test]
+fn only_the_plant_uses_the_binding() {
+    for (path, text) in sources() {
+        let name = path.to_string_lossy().into_owned();
+        let home = name.starts_with("src/mujoco") || name.starts_with("src/plant");
+        let used = code(&text).any(|line| line.contains("crate::mujoco"));
+        assert!(home || !used, "{name} speaks to MuJoCo past the plant");
+    }
+}
+
+#[test]
+fn plant_and_model_share_no_code() {
+    let models = [
+        "crate::dual_quaternion",
+        "crate::statics",
+        "crate::model",
+        "crate::posture",
+        "crate::fit",
+    ];
+    for (path, text) in sources() {
+        if path.starts_with("src/plant") {
+            for word in models {
+                let found = code(&text).find(|line| line.contains(word));
+                assert_eq!(found, None, "{}: the plant uses the model", path.display());
+            }
+        }
+        let model = ["src/statics.rs", "src/model.rs", "src/posture.rs"];
+        if model.iter().any(|file| path == Path::new(file)) || path.starts_with("src/fit") {
+            let found = code(&text).find(|line| line.contains("crate::plant"));
+            assert_eq!(found, None, "{}: the model uses the plant", path.display());
+        }
+    }
+}
+
+#[test]
+fn a_fit_never_sees_a_truth() {
+    // campaigns, models and fits know nothing of scenarios, where truths are
+    for (path, text) in sources() {
+        let name = path.to_string_lossy().into_owned();
+        let blind = [
+            "src/campaign",
+            "src/fit",
+            "src/model",
+            "src/effects",
+            "src/recording",
+        ];
+        if blind.iter().any(|part| name.starts_with(part)) {
+            let found = code(&text).find(|line| line.contains("crate::scenario"));
+            assert_eq!(found, None, "{name} could see a truth");
+        }
+    }
+}
+
+#[test]
+fn an_effect_is_one_file_and_two_lines() {
+    let list = fs::read_to_string("src/effects/mod.rs").unwrap();
+    let shared = ["mod", "table"];
+    let mut files: Vec<String> = fs::read_dir("src/effects")
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter_map(|path| Some(path.file_stem()?.to_string_lossy().into_owned()))
+        .filter(|stem| !shared.contains(&stem.as_str()))
+        .collect();
+    files.sort();
+    let mut ids: Vec<&str> = CATALOGUE.iter().map(|entry| entry.id).collect();
+    ids.sort_unstable();
+    assert_eq!(
+        files, ids,
+        "every file is an effect, every effect a file of its name"
+    );
+    for id in ids {
+        let lines = list.lines().filter(|line| {
+            line.trim() == format!("mod {id};") || line.contains(&format!("\"{id}.rs\""))
+        });
+        assert_eq!(
+            lines.count(),
+            2,
+            "{id} takes two lines of src/effects/mod.rs"
+        );
+        // and no file outside its own knows what it does
+        for (path, text) in sources() {
+            let own = path.starts_with("src/effects");
+            let word = format!("effects::{id}::");
+            let found = code(&text).find(|line| line.contains(&word));
+            assert!(own || found.is_none(), "{} knows {id}", path.display());
+        }
+    }
+}
+
+#[test]
+fn no_clock_and_no_hash_order() {
+    let forbidden = [
+        "SystemTime",
+        "Instant::now",
+        "HashMap",
+        "HashSet",
+        "thread_rng",
+    ];
+    for (path, text) in sources() {
+        for word in forbidden {
+            let found = code(&text).find(|line| line.contains(word));
+            assert_eq!(found, None, "{}: results would not repeat", path.display());
+        }
+    }
+}
+
+#[test]
+fn documents_have_no_gaps() {
+    for file in ["README.md", "ARCHITECTURE.md", "CHANGELOG.md"] {
+        let text = fs::read_to_string(file).unwrap();
+        for line in text.lines() {
+            let gap = line.len() > 3 && line.chars().all(|c| c.is_ascii_uppercase());
+            assert!(!gap, "{file}: \"{line}\" was to be filled in");
+        }
+    }
+}
+
+#[test]
+fn links_of_the_documents_lead_somewhere() {
+    for file in [
+        "README.md",
+        "ARCHITECTURE.md",
+        "CONTRIBUTING.md",
+        "scenarios/README.md",
+    ] {
+        let text = fs::read_to_string(file).unwrap();
+        let folder = Path::new(file).parent().unwrap();
+        for part in text.split("](").skip(1) {
+            let Some((target, _)) = part.split_once(')') else {
+                continue;
+            };
+            if !target.contains("://") {
+                assert!(folder.join(target).exists(), "{file} links to {target}");
+            }
+        }
+    }
+}
