@@ -3,6 +3,7 @@
 mod diagnose;
 mod effects;
 mod fit;
+mod ladder;
 mod progress;
 mod run;
 mod simulate;
@@ -29,6 +30,7 @@ enum Command {
     Simulate(simulate::Arguments),
     Fit(fit::Arguments),
     Diagnose(diagnose::Arguments),
+    Ladder(ladder::Arguments),
     Run(run::Arguments),
     Effects(effects::Arguments),
 }
@@ -49,6 +51,7 @@ pub fn main() -> ExitCode {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
         Command::Diagnose(arguments) => diagnose::run(&arguments),
+        Command::Ladder(arguments) => ladder::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
     };

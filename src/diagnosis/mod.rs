@@ -90,6 +90,8 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// Its effects.
     pub effects: Vec<&'static str>,
+    /// Effects added one after the other, also where the verdict is a set of aliases.
+    pub named: Vec<&'static str>,
     /// Contrasts of the base model's misfit.
     pub contrasts: Vec<Contrast>,
     /// Joints that the misfit goes with, most likely first.
@@ -168,6 +170,7 @@ pub fn diagnose(
         }
         Verdict::Unknown | Verdict::Nothing => {
             effects.clear();
+            named.clear();
             current = base.clone();
         }
         _ => {}
@@ -180,6 +183,7 @@ pub fn diagnose(
     Ok(Diagnosis {
         verdict,
         effects,
+        named,
         contrasts: first.contrasts,
         variables: first.variables,
         candidates: first.candidates,

@@ -236,3 +236,21 @@ fn answer(diagnosis: &Diagnosis) -> String {
     }
     out
 }
+
+/// The verdict in one sentence.
+pub fn words_of_verdict(diagnosis: &Diagnosis) -> String {
+    let effects = diagnosis.effects.join(", ");
+    match diagnosis.verdict {
+        Verdict::Nothing => "verdict  nothing more is detectable".to_owned(),
+        Verdict::Named => format!("verdict  {effects}; then nothing more is detectable"),
+        Verdict::NamedIncomplete => format!(
+            "verdict  {effects}; something is left that no effect of the catalogue explains"
+        ),
+        Verdict::Alias => format!(
+            "verdict  one of {effects}: this campaign cannot tell which; then nothing more is detectable"
+        ),
+        Verdict::Unknown => {
+            "verdict  something is left that the catalogue does not hold".to_owned()
+        }
+    }
+}

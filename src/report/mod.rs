@@ -4,5 +4,6 @@ pub mod diagnosis;
 pub mod fit;
 pub mod format;
 pub mod json;
+pub mod ladder;
 pub mod paper;
 pub mod run;
