@@ -5,6 +5,7 @@
 mod campaign;
 mod cli;
 mod common;
+mod diagnosis;
 mod dual_quaternion;
 mod effects;
 mod equilibrium;

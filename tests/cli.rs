@@ -1032,7 +1032,7 @@ fn files_that_are_no_campaigns_are_refused() {
 
 #[test]
 fn models_that_are_refused() {
-    let known = "tracker_frame, target_offset, joint_offset, geometry, joint_compliance";
+    let known = "tracker_frame, target_offset, joint_offset, geometry";
     let fit = ["fit", "cell.mcap"];
     let with = |words: &[&'static str]| [&fit[..], words].concat();
     refused(
@@ -1160,7 +1160,7 @@ fn scenarios_that_are_refused() {
     let truths: [(&str, &[&str]); 10] = [
         (
             "kind = \"nothing\"",
-            &["\"nothing\"", "geometry, joint_compliance"],
+            &["\"nothing\"", "joint_offset, geometry"],
         ),
         (
             "kind = \"joint_compliance\"\nvalues = { a9 = 1e-6 }",

@@ -35,7 +35,6 @@ impl Effect for Backlash {
     const ID: &'static str = "backlash";
     const STAGE: Stage = Stage::Rigid;
     const NEEDS: &'static [Need] = &[Need::Approach];
-    const ALIASES: &'static [&'static str] = &["timestamp_lag"];
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
         by_joint(setup, ("rad", 5e-5), ("m", 2e-5))

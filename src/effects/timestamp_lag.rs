@@ -43,7 +43,6 @@ impl Effect for TimestampLag {
     const ID: &'static str = "timestamp_lag";
     const STAGE: Stage = Stage::Rigid;
     const NEEDS: &'static [Need] = &[Need::Approach];
-    const ALIASES: &'static [&'static str] = &["backlash"];
 
     fn check(&self, _: &Setup) -> Result<(), String> {
         if self.speed.is_finite() && self.speed > 0.0 {
