@@ -3,7 +3,7 @@
 # Each step below can be run by its own name; CI runs `make test`.
 
 MISFIT    = target/release/misfit
-SCENARIOS = springs noise_free paper efficiency
+SCENARIOS = springs noise_free paper efficiency hidden
 
 .PHONY: run test setup build format lint unit scenarios doc bench
 

@@ -176,7 +176,7 @@ fn simulate_writes_a_recording_by_the_scenarios_name() {
     assert_eq!(
         said,
         "small.mcap · 3 readings\nsmall.truth.toml · the truth, for scoring\n\n\
-         next     misfit fit small.mcap\n"
+         next     misfit fit small.mcap     or     misfit diagnose small.mcap\n"
     );
     let expected = ["small.mcap", "small.toml", "small.truth.toml"];
     assert_eq!(files(at), expected.map(str::to_owned).into());
@@ -1277,4 +1277,45 @@ fn places_that_cannot_be_written_are_refused() {
     assert_eq!(files(at), expected.map(str::to_owned).into());
     assert_eq!(fs::read_to_string(at.join("file")).unwrap(), "mine");
     assert!(files(&at.join("folder.mcap")).is_empty());
+}
+
+#[test]
+fn diagnose_and_ladder_keep_their_contract() {
+    let found = json(lab(), &["diagnose", "cell.mcap", "--json"]);
+    assert_eq!(found["schema"], "misfit.diagnosis/1");
+    let verdicts = ["nothing", "named", "named_incomplete", "alias", "unknown"];
+    assert!(verdicts.contains(&found["verdict"].as_str().unwrap()));
+    for key in [
+        "effects",
+        "where",
+        "contrasts",
+        "candidates",
+        "cannot_see",
+        "next_poses",
+        "noise",
+        "fit",
+        "heldout",
+    ] {
+        assert!(found.get(key).is_some(), "diagnose --json has no {key}");
+    }
+    for contrast in ["pose", "load", "direction", "time", "repeat"] {
+        assert!(
+            found["contrasts"].get(contrast).is_some(),
+            "no contrast {contrast}"
+        );
+    }
+    for candidate in found["candidates"].as_array().unwrap() {
+        for key in ["effect", "log_evidence", "lambda", "p_value", "explained"] {
+            assert!(candidate.get(key).is_some(), "a candidate has no {key}");
+        }
+    }
+    let found = json(lab(), &["ladder", "cell.mcap", "--json"]);
+    assert_eq!(found["schema"], "misfit.ladder/1");
+    assert_eq!(found["rungs"][0]["added"], "nominal");
+    assert_eq!(found["last"]["schema"], "misfit.diagnosis/1");
+    for words in [["diagnose", "cell.mcap"], ["ladder", "cell.mcap"]] {
+        for line in done(lab(), &words).lines() {
+            assert!(line.chars().count() <= 100, "{line}");
+        }
+    }
 }

@@ -48,7 +48,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if arguments.json {
         print_json(&report::diagnosis::document(&found))?;
     } else {
-        print(&report::diagnosis::text(&campaign, &found))?;
+        let path = arguments.campaign.display();
+        let next = match found.named.first() {
+            Some(effect) => format!("misfit fit {path} --effects +{effect}     or     "),
+            None => String::new(),
+        };
+        let text = report::diagnosis::text(&campaign, &found);
+        print(&format!("{text}\nnext     {next}misfit ladder {path}\n"))?;
     }
     Ok(if found.fit.converged {
         Outcome::Done

@@ -73,7 +73,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if arguments.json {
         print_json(&report::json::fit(&found, baseline.as_ref()))?;
     } else {
-        print(&report::fit::text(
+        let text = report::fit::text(
             &campaign,
             &found,
             baseline.as_ref(),
@@ -82,7 +82,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             } else {
                 Detail::Usual
             },
-        ))?;
+        );
+        let next = format!(
+            "next     misfit diagnose {}\n",
+            arguments.campaign.display()
+        );
+        print(&(text + &next))?;
     }
     Ok(if found.converged {
         Outcome::Done

@@ -70,7 +70,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         (None, Some(folder)) => folder.join("campaign.toml"),
         (None, None) => PathBuf::new(),
     };
-    print(&format!("{said}\nnext     misfit fit {}\n", next.display()))?;
+    print(&format!(
+        "{said}\nnext     misfit fit {0}     or     misfit diagnose {0}\n",
+        next.display()
+    ))?;
     Ok(Outcome::Done)
 }
 

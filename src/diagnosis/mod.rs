@@ -317,10 +317,14 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
             lacking.map(|need| need.sentence().to_owned())
         });
         if lacks.is_some() || score.expected < VISIBLE || score.dof == 0 {
-            let faint = format!(
-                "a typical size would show with λ = {:.1}; {VISIBLE} is needed",
-                score.expected
-            );
+            let faint = if score.raw > VISIBLE && score.expected < 1e-6 * score.raw {
+                "the model already holds all that it can do".to_owned()
+            } else {
+                format!(
+                    "a typical size would show with λ = {:.1}; {VISIBLE} is needed",
+                    score.expected
+                )
+            };
             cannot_see.push(CannotSee {
                 effect,
                 why: lacks.unwrap_or(faint),

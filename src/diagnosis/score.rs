@@ -37,6 +37,8 @@ pub struct Score {
     pub chi2: f64,
     /// Directions counted.
     pub dof: usize,
+    /// The same before the base model takes its share.
+    pub raw: f64,
     /// Expected λ of typical sizes: the sensitivity of the campaign to this family.
     pub expected: f64,
     /// Log evidence against the base model, nats.
@@ -109,6 +111,7 @@ impl Gram {
     /// Scores the family in these columns against noise of `variance` (1 if the whitening is right).
     pub fn score(&self, columns: Range<usize>, variance: f64) -> Score {
         let r = self.matrix.ncols() - 1;
+        let raw = columns.clone().map(|k| self.matrix[(k, k)]).sum::<f64>() / variance;
         let information = self.partial(columns.clone(), columns.clone());
         let gradient: DVector<f64> = self.partial(columns, r..r + 1).column(0).into_owned();
         let expected = information.trace() / variance;
@@ -138,6 +141,7 @@ impl Gram {
         Score {
             chi2: directions.iter().map(|d| d.1).sum(),
             dof: directions.len(),
+            raw,
             expected,
             log_evidence: largest + mean.ln(),
         }

@@ -101,13 +101,13 @@ pub fn text(campaign: &Campaign, diagnosis: &Diagnosis) -> String {
     let _ = writeln!(out, "where it fails");
     for contrast in &diagnosis.contrasts {
         let bar = "█".repeat(((contrast.ratio.sqrt() - 0.9) * 10.0).clamp(0.0, 40.0) as usize);
-        let _ = writeln!(
-            out,
+        let line = format!(
             "  {:<20} × {:<6} {:<12} {bar}",
             words(contrast.name),
             number(contrast.ratio.sqrt()),
             p_value(contrast.p_value)
         );
+        let _ = writeln!(out, "{}", line.trim_end());
     }
     let carried = diagnosis.variables.iter().filter(|v| v.p_value < CARRIES);
     for variable in carried.take(3) {
