@@ -990,7 +990,7 @@ fn robots_that_are_refused() {
             &["six_axis.urdf", part],
         );
     }
-    // a mesh is not used: that it is missing is no trouble
+    // a mesh is not used, but a robot file that names a missing one is not the one that was meant
     let folder = copy();
     let mesh = "<link name=\"flange\"><visual><geometry><mesh filename=\"gone.stl\"/></geometry></visual></link>";
     replace(
@@ -998,7 +998,11 @@ fn robots_that_are_refused() {
         "<link name=\"flange\"/>",
         mesh,
     );
-    done(folder.path(), &["fit", "campaign.toml"]);
+    refused(
+        folder.path(),
+        &["fit", "campaign.toml"],
+        &["six_axis.urdf", "flange", "gone.stl"],
+    );
     let folder = copy();
     fs::remove_file(folder.path().join("six_axis.urdf")).unwrap();
     refused(

@@ -54,7 +54,7 @@ fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
     let robot_path = folder.join(&document.robot);
     let robot_name = robot_path.display().to_string();
     let robot_text = read_text(&robot_path, &robot_name)?;
-    let robot = Robot::parse(&robot_name, &robot_text, document.base.as_deref())?;
+    let robot = Robot::load(&robot_path, document.base.as_deref())?;
     let settings = document.settle(&file, &robot)?;
 
     let table_path = folder.join(table_name);

@@ -152,6 +152,30 @@ impl Fit {
         student.map_or(1.959_963_984_540_054, |t| t.inverse_cdf(0.975))
     }
 
+    /// Pairs of estimated parameters that are known together much better than apart: indices and correlation, those
+    /// of at least `least` in size, strongest first.
+    pub fn correlations(&self, least: f64) -> Vec<(usize, usize, f64)> {
+        let shown: Vec<(usize, usize)> = self
+            .free
+            .iter()
+            .enumerate()
+            .filter(|&(_, &k)| self.status[k] == Status::Estimated)
+            .map(|(row, &k)| (row, k))
+            .collect();
+        let mut found = Vec::new();
+        for (place, &(i, a)) in shown.iter().enumerate() {
+            for &(j, b) in &shown[..place] {
+                let scale = (self.covariance[(i, i)] * self.covariance[(j, j)]).sqrt();
+                let value = self.covariance[(i, j)] / scale;
+                if value.abs() >= least {
+                    found.push((b, a, value));
+                }
+            }
+        }
+        found.sort_by(|x, y| y.2.abs().total_cmp(&x.2.abs()));
+        found
+    }
+
     /// Position of a parameter by effect and name.
     pub fn index(&self, effect: &str, name: &str) -> Option<usize> {
         self.model

@@ -31,6 +31,9 @@ pub fn text(campaign: &Campaign, fit: &Fit, baseline: Option<&Fit>, detail: Deta
             parameter_tables(fit, detail == Detail::Everything)
         );
     }
+    if detail != Detail::Errors {
+        let _ = write!(out, "{}", correlation_lines(fit));
+    }
     if !fit.unobservable.is_empty() {
         let _ = writeln!(out, "\nnot seen");
         for row in &fit.unobservable {
@@ -247,6 +250,31 @@ fn stiffness(c: f64, half: Option<f64>, unit: &str) -> (String, String) {
         Some(half) => format!("≥ {}", number(1.0 / (c + half))),
     };
     (value, interval)
+}
+
+/// Pairs that are known together much better than apart; geometry and frames, redundant by nature, are left out.
+fn correlation_lines(fit: &Fit) -> String {
+    /// From this size on.
+    const STRONG: f64 = 0.9;
+    /// Lines at most.
+    const MOST: usize = 5;
+    let parameters: Vec<_> = fit.model.parameters().collect();
+    let redundant = ["geometry", "tracker_frame", "target_offset"];
+    let own = |k: usize| !redundant.contains(&parameters[k].0);
+    let pairs = fit.correlations(STRONG).into_iter();
+    let pairs: Vec<_> = pairs.filter(|&(a, b, _)| own(a) && own(b)).collect();
+    if pairs.is_empty() {
+        return String::new();
+    }
+    let mut out = "\ncorrelated: known together better than apart\n".to_owned();
+    for &(a, b, value) in pairs.iter().take(MOST) {
+        let name = |k: usize| format!("{}.{}", parameters[k].0, parameters[k].1.name);
+        let _ = writeln!(out, "  {} and {}  {value:+.2}", name(a), name(b));
+    }
+    if pairs.len() > MOST {
+        let _ = writeln!(out, "  and {} pairs more", pairs.len() - MOST);
+    }
+    out
 }
 
 fn ending(fit: &Fit) -> String {

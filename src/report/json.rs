@@ -16,6 +16,7 @@ pub struct FitDocument {
     noise: NoiseDocument,
     parameters: Vec<ParameterRow>,
     unobservable: Vec<Unobservable>,
+    correlations: Vec<Correlation>,
     rank: usize,
     converged: bool,
     iterations: usize,
@@ -32,6 +33,32 @@ struct Readings {
 struct Baseline {
     fit: Errors,
     heldout: Option<Errors>,
+}
+
+#[derive(Debug, Serialize)]
+struct Correlation {
+    a: String,
+    b: String,
+    value: f64,
+}
+
+/// Correlations from this size on are listed.
+const STRONG: f64 = 0.9;
+
+fn correlations(fit: &Fit) -> Vec<Correlation> {
+    let names: Vec<String> = fit
+        .model
+        .parameters()
+        .map(|(effect, parameter)| format!("{effect}.{}", parameter.name))
+        .collect();
+    let pairs = fit.correlations(STRONG).into_iter();
+    pairs
+        .map(|(a, b, value)| Correlation {
+            a: names[a].clone(),
+            b: names[b].clone(),
+            value,
+        })
+        .collect()
 }
 
 /// What the noise was taken to be.
@@ -84,6 +111,7 @@ pub fn fit(fit: &Fit, baseline: Option<&Fit>) -> FitDocument {
             })
             .collect(),
         unobservable: fit.unobservable.clone(),
+        correlations: correlations(fit),
         rank: fit.rank,
         converged: fit.converged,
         iterations: fit.iterations,

@@ -162,7 +162,7 @@ impl Scenario {
                 source,
             })?;
         let robot_name = robot_path.display().to_string();
-        let parsed = Robot::parse(&robot_name, &robot_text, document.base.as_deref());
+        let parsed = Robot::load(&robot_path, document.base.as_deref());
         let robot = parsed.map_err(|error: RobotError| {
             ScenarioError::Campaign(crate::campaign::CampaignError::from(error))
         })?;
