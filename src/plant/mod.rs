@@ -20,6 +20,7 @@ use crate::robot::{JointKind, Robot};
 use expansion::Growing;
 pub use laws::{CommandLaw, LoadLaw, SensorLaw, TorqueLaw, TrackerLaw, WindupLaw};
 use nalgebra::{Isometry3, Vector3};
+use rayon::prelude::*;
 use statics::Spring;
 use std::sync::Arc;
 
@@ -274,6 +275,33 @@ impl Plant {
             data: self.data.fork()?,
             layout: Arc::clone(&self.layout),
         })
+    }
+
+    /// Runs `visit` for every item, on forks of this plant in parallel; results in the items' order. States do
+    /// not depend on what was solved before, so the results do not depend on the number of threads.
+    ///
+    /// # Errors
+    /// The first error of a visit.
+    pub fn visit_all<T: Sync, R: Send>(
+        self,
+        items: &[T],
+        visit: impl Fn(&mut Plant, &T) -> Result<R, PlantError> + Sync,
+    ) -> Result<Vec<R>, PlantError> {
+        /// Items that one fork visits.
+        const RUN: usize = 32;
+        let original = std::sync::Mutex::new(self);
+        let runs: Vec<Vec<R>> = items
+            .par_chunks(RUN)
+            .map(|run| {
+                let fork = original
+                    .lock()
+                    .unwrap_or_else(std::sync::PoisonError::into_inner)
+                    .fork();
+                let mut plant = fork?;
+                run.iter().map(|item| visit(&mut plant, item)).collect()
+            })
+            .collect::<Result<_, PlantError>>()?;
+        Ok(runs.into_iter().flatten().collect())
     }
 
     /// The robot at rest under a command.

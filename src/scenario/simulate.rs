@@ -8,7 +8,6 @@ use crate::campaign::{Campaign, Payload, Reading, Split};
 use crate::plant::instruments::{Draws, read};
 use crate::plant::{Command, Plant, PlantError, PlantSpec};
 use nalgebra::Vector3;
-use rayon::prelude::*;
 
 /// Time between two readings, s: moving there and settling.
 const PACE: f64 = 20.0;
@@ -58,8 +57,6 @@ pub fn simulate(
         .iter()
         .map(|_| Draws::new(joints, &mut random))
         .collect();
-    /// Visits that one fork of the plant makes.
-    const RUN: usize = 32;
     let jobs: Vec<(usize, &Visit, &Draws)> = visits
         .iter()
         .zip(&draws)
@@ -77,32 +74,13 @@ pub fn simulate(
         temperature: temperature(index),
         above_mean: temperature(index).map_or(0.0, |t| t - mean),
     };
-    let original = std::sync::Mutex::new(original);
-    let runs: Vec<Vec<Reading>> = jobs
-        .par_chunks(RUN)
-        .map(|run| {
-            let fork = original
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner)
-                .fork();
-            let mut plant = fork?;
-            run.iter()
-                .map(|&(index, visit, draws)| {
-                    let reading = take(
-                        scenario,
-                        &spec,
-                        &mut plant,
-                        index,
-                        &moment(index),
-                        visit,
-                        draws,
-                    );
-                    on_reading();
-                    reading
-                })
-                .collect::<Result<Vec<Reading>, PlantError>>()
+    let readings = original
+        .visit_all(&jobs, |plant, &(index, visit, draws)| {
+            let moment = moment(index);
+            let reading = take(scenario, &spec, plant, index, &moment, visit, draws);
+            on_reading();
+            reading
         })
-        .collect::<Result<_, PlantError>>()
         .map_err(plant)?;
     Ok(Campaign {
         name: scenario.name.clone(),
@@ -113,7 +91,7 @@ pub fn simulate(
         base_from_tracker: scenario.base_from_tracker,
         link_from_target: scenario.link_from_target.clone(),
         noise: scenario.state_noise.then_some(scenario.noise),
-        readings: runs.into_iter().flatten().collect(),
+        readings,
         warnings: Vec::new(),
     })
 }

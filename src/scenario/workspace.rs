@@ -3,7 +3,6 @@
 use super::design::{DesignLoad, generator, random_posture, stream};
 use super::{Scenario, ScenarioError, Truth, presets, simulate};
 use crate::plant::{Command, Plant, PlantError, PlantSpec};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 /// What to survey.
@@ -108,33 +107,19 @@ fn survey_target(
     let postures: Vec<Vec<f64>> = (0..workspace.postures)
         .map(|_| random_posture(scenario, &mut random))
         .collect::<Result<_, _>>()?;
-    let original = std::sync::Mutex::new(Plant::build(spec).map_err(|e| plant(scenario, e))?);
-    /// Postures that one fork of the plant visits.
-    const RUN: usize = 32;
-    let runs: Vec<Vec<Option<(f64, f64)>>> = postures
-        .par_chunks(RUN)
-        .map(|run| {
-            let fork = original
-                .lock()
-                .unwrap_or_else(std::sync::PoisonError::into_inner)
-                .fork();
-            let mut plant = fork?;
-            let load = scenario.design.loads.last();
-            run.iter()
-                .map(|joints| {
-                    on_posture();
-                    let bare = state(&mut plant, spec, joints, target, None)?;
-                    let loaded = state(&mut plant, spec, joints, target, load)?;
-                    Ok(bare.zip(loaded).map(|(bare, loaded)| {
-                        let moved = loaded.translation.vector - bare.translation.vector;
-                        (moved.norm(), loaded.rotation.angle_to(&bare.rotation))
-                    }))
-                })
-                .collect::<Result<Vec<_>, PlantError>>()
+    let original = Plant::build(spec).map_err(|error| plant(scenario, error))?;
+    let load = scenario.design.loads.last();
+    let all = original
+        .visit_all(&postures, |plant, joints| {
+            on_posture();
+            let bare = state(plant, spec, joints, target, None)?;
+            let loaded = state(plant, spec, joints, target, load)?;
+            Ok(bare.zip(loaded).map(|(bare, loaded)| {
+                let moved = loaded.translation.vector - bare.translation.vector;
+                (moved.norm(), loaded.rotation.angle_to(&bare.rotation))
+            }))
         })
-        .collect::<Result<_, PlantError>>()
         .map_err(|error| plant(scenario, error))?;
-    let all: Vec<Option<(f64, f64)>> = runs.into_iter().flatten().collect();
     let mut held: Vec<(f64, f64)> = all.iter().copied().flatten().collect();
     held.sort_by(|a, b| a.0.total_cmp(&b.0));
     Ok(Survey {
