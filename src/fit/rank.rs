@@ -171,8 +171,8 @@ fn unseen(effect: &str, parameter: &Parameter) -> String {
 
 /// How little a parameter moves the readings, for those that it moves at all.
 fn size(norm: f64, parameter: &Parameter) -> String {
-    // a thousandth of σ is no reason to look further
-    if norm < 1e-3 {
+    // so small a share of σ is no reason to look further
+    if norm < 5e-3 {
         return String::new();
     }
     format!(
