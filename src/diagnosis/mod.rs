@@ -118,15 +118,12 @@ pub fn diagnose(
     options: &Options,
     mut on_step: impl FnMut(&str),
 ) -> Result<Diagnosis, FitError> {
-    let quick = Options {
-        cross_validate: false,
-    };
     on_step("fitting the base model");
     let mut campaign = campaign.clone();
-    let mut base = fit::fit(&campaign, model, &quick, |_| {})?;
+    let mut base = finite_fit(&campaign, model)?;
     let rejected = reject(&mut campaign, &base);
     if !rejected.is_empty() {
-        base = fit::fit(&campaign, model, &quick, |_| {})?;
+        base = finite_fit(&campaign, model)?;
     }
     on_step("scoring the catalogue");
     let first = analyse(&campaign, &base);
@@ -157,7 +154,7 @@ pub fn diagnose(
         }
         on_step(&format!("refitting with {best}"));
         let Some(effect) = effect(best) else { break };
-        current = fit::fit(&campaign, &current.model.with(&effect), &quick, |_| {})?;
+        current = finite_fit(&campaign, &current.model.with(&effect))?;
         named.push(best);
         verdict = Verdict::Named;
         look = analyse_again(&analyse(&campaign, &current));
@@ -191,6 +188,25 @@ pub fn diagnose(
         base,
         fit: current,
         rejected,
+    })
+}
+
+/// A fit whose residuals are numbers: tests on others would not end.
+fn finite_fit(campaign: &Campaign, model: &Model) -> Result<Fit, FitError> {
+    let quick = Options {
+        cross_validate: false,
+    };
+    let found = fit::fit(campaign, model, &quick, |_| {})?;
+    if found.fit.whitened_rms.is_finite() {
+        return Ok(found);
+    }
+    let readings = fitted(campaign);
+    let residuals = fit::residuals(&found.model, &found.values, &readings);
+    let lost = |row: &&crate::model::Row| row.iter().any(|x| !x.is_finite());
+    let first = residuals.iter().position(|row| lost(&row)).unwrap_or(0);
+    Err(FitError::NoEquilibrium {
+        campaign: campaign.name.clone(),
+        line: readings[first].line,
     })
 }
 
