@@ -19,3 +19,4 @@ pub mod robot;
 pub mod scenario;
 pub mod setup;
 pub mod statics;
+pub mod sweep;

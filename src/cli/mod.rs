@@ -7,6 +7,7 @@ mod ladder;
 mod progress;
 mod run;
 mod simulate;
+mod sweep;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use std::process::ExitCode;
@@ -33,6 +34,7 @@ enum Command {
     Ladder(ladder::Arguments),
     Run(run::Arguments),
     Effects(effects::Arguments),
+    Sweep(sweep::Arguments),
 }
 
 /// How a command ended when it did what it was asked.
@@ -54,6 +56,7 @@ pub fn main() -> ExitCode {
         Command::Ladder(arguments) => ladder::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
+        Command::Sweep(arguments) => sweep::run(&arguments),
     };
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,

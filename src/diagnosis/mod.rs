@@ -5,7 +5,7 @@
 //! those that cannot be told apart; refit with the best; test what is left; and go on while something is named.
 
 mod contrasts;
-mod score;
+pub(crate) mod score;
 mod screen;
 
 pub use contrasts::Contrast;
@@ -106,6 +106,24 @@ pub struct Diagnosis {
     pub fit: Fit,
     /// Lines of the rejected readings.
     pub rejected: Vec<usize>,
+}
+
+impl Diagnosis {
+    /// The contrast that tells what class of effect is missing: in `time`, between `direction`s, between `load`s, or
+    /// none of these but between `pose`s. None if none is sure.
+    pub fn class(&self) -> Option<&'static str> {
+        let sure = |name: &str| {
+            let found = self.contrasts.iter().find(|c| c.name == name);
+            found.filter(|c| c.p_value < ALARM)
+        };
+        let order = ["time", "direction", "load", "pose"];
+        order.into_iter().find(|name| sure(name).is_some())
+    }
+
+    /// Share of the misfit above noise that the named effects explain.
+    pub fn explained(&self) -> f64 {
+        explained(&self.base, &self.fit)
+    }
 }
 
 /// Diagnoses what a model lacks.

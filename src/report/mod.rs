@@ -7,3 +7,4 @@ pub mod json;
 pub mod ladder;
 pub mod paper;
 pub mod run;
+pub mod sweep;

@@ -102,16 +102,18 @@ pub struct Visit {
 }
 
 /// Purposes of random numbers: each has its own stream, so that none depends on how many another draws.
-pub(super) mod stream {
+pub(crate) mod stream {
     pub const POSES: u128 = 1;
     pub const ORDER: u128 = 2;
     pub const NOISE: u128 = 3;
     pub const TRUTH: u128 = 4;
     pub const WORKSPACE: u128 = 5;
+    pub const SWEEP: u128 = 6;
+    pub const OUTLIERS: u128 = 7;
 }
 
 /// The generator of one purpose.
-pub(super) fn generator(seed: u64, stream: u128) -> Pcg64 {
+pub(crate) fn generator(seed: u64, stream: u128) -> Pcg64 {
     let mut bytes = [0u8; 32];
     bytes[..8].copy_from_slice(&seed.to_le_bytes());
     bytes[16..32].copy_from_slice(&stream.to_le_bytes());

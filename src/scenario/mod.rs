@@ -11,6 +11,7 @@ pub mod workspace;
 use crate::campaign::{Frame, Noise, RobotFile};
 use crate::effects::AnyEffect;
 use crate::setup::Setup;
+use crate::sweep::spec::Blind;
 use design::Design;
 use expect::Expect;
 use std::sync::Arc;
@@ -60,6 +61,23 @@ pub struct Scenario {
     pub instead: Vec<(String, Design)>,
     /// What must come out.
     pub expect: Expect,
+    /// Blind cases to draw from it, if it is a sweep.
+    pub blind: Option<Blind>,
+    /// The `[[truth]]` tables, to be drawn anew.
+    truth_tables: Vec<toml::Table>,
+}
+
+impl Scenario {
+    /// The same scenario with another seed: other poses, noise and random truths.
+    ///
+    /// # Errors
+    /// Never for a scenario that was read; the type is that of reading it.
+    pub fn redrawn(&self, seed: u64) -> Result<Self, ScenarioError> {
+        let mut other = self.clone();
+        other.seed = seed;
+        other.truth = read::truths(&self.file, self.truth_tables.clone(), &self.setup, seed)?;
+        Ok(other)
+    }
 }
 
 /// A hidden effect: its parameters in the plant.

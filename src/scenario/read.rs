@@ -12,6 +12,7 @@ use crate::effects::AnyEffect;
 use crate::effects::table::{Choice, TableError, unique};
 use crate::robot::{Robot, RobotError};
 use crate::setup::Setup;
+use crate::sweep::spec::Blind;
 use nalgebra::Vector3;
 use rand::RngExt;
 use rand_distr::StandardNormal;
@@ -45,6 +46,7 @@ struct OwnKeys {
     instead: Vec<InsteadEntry>,
     #[serde(default)]
     expect: Expect,
+    blind: Option<Blind>,
 }
 
 #[derive(Debug, Deserialize)]
@@ -185,7 +187,10 @@ impl Scenario {
                 )));
             }
         }
-        let truth = truths(&file, own.truth, &setup, own.seed)?;
+        let truth = truths(&file, own.truth.clone(), &setup, own.seed)?;
+        if let Some(blind) = &own.blind {
+            blind.check().map_err(&form)?;
+        }
         own.expect.check(own.campaigns.is_some()).map_err(&form)?;
         if own
             .campaigns
@@ -224,6 +229,8 @@ impl Scenario {
             workspace: own.workspace,
             instead,
             expect: own.expect,
+            blind: own.blind,
+            truth_tables: own.truth,
             setup,
         })
     }
@@ -332,7 +339,7 @@ fn design(entry: &DesignEntry, setup: &Setup) -> Result<Design, String> {
 }
 
 /// The hidden effects with all their parameters: values given, presets, random draws on top.
-fn truths(
+pub(super) fn truths(
     file: &str,
     tables: Vec<toml::Table>,
     setup: &Setup,

@@ -4,7 +4,7 @@
 
 use super::design::{Visit, generator, stream, visits};
 use super::{Scenario, ScenarioError, Truth};
-use crate::campaign::{Campaign, Payload, Reading, Split};
+use crate::campaign::{Campaign, Noise, Payload, Reading, Split};
 use crate::plant::instruments::{Draws, read};
 use crate::plant::{Command, Plant, PlantError, PlantSpec};
 use nalgebra::Vector3;
@@ -49,7 +49,25 @@ pub fn simulate(
         source,
     };
     let spec = plant_spec(scenario).map_err(plant)?;
-    let original = Plant::build(&spec).map_err(plant)?;
+    measure(scenario, &spec, &scenario.noise, on_reading)
+}
+
+/// The same from a truth and with a noise that need not be the scenario's: its design is visited, its noise is what
+/// the campaign states.
+///
+/// # Errors
+/// As [`simulate`].
+pub fn measure(
+    scenario: &Scenario,
+    spec: &PlantSpec,
+    noise: &Noise,
+    on_reading: impl Fn() + Sync,
+) -> Result<Campaign, ScenarioError> {
+    let plant = |source: PlantError| ScenarioError::Plant {
+        file: scenario.file.clone(),
+        source,
+    };
+    let original = Plant::build(spec).map_err(plant)?;
     let visits = visits(scenario)?;
     let mut random = generator(scenario.seed, stream::NOISE);
     let joints = scenario.setup.robot.joints.len();
@@ -77,7 +95,7 @@ pub fn simulate(
     let readings = original
         .visit_all(&jobs, |plant, &(index, visit, draws)| {
             let moment = moment(index);
-            let reading = take(scenario, &spec, plant, index, &moment, visit, draws);
+            let reading = take((scenario, spec, noise), plant, index, &moment, visit, draws);
             on_reading();
             reading
         })
@@ -110,8 +128,7 @@ struct Moment {
 
 /// Takes one reading.
 fn take(
-    scenario: &Scenario,
-    spec: &PlantSpec,
+    (scenario, spec, noise): (&Scenario, &PlantSpec, &Noise),
     plant: &mut Plant,
     index: usize,
     moment: &Moment,
@@ -122,16 +139,14 @@ fn take(
     let joints = visit.joints.iter().zip(&draws.joints);
     let command = Command {
         // the encoder reads the command; the joint repeats it only so well
-        joints: joints
-            .map(|(q, draw)| q + draw * scenario.noise.joint)
-            .collect(),
+        joints: joints.map(|(q, draw)| q + draw * noise.joint).collect(),
         approach: vec![visit.direction; visit.joints.len()],
         loads: vec![load.on(visit.target)],
         time: moment.from_middle,
         temperature: moment.above_mean,
     };
     let state = plant.state(&command)?;
-    let seen = read(spec, &command, &state, visit.target, &scenario.noise, draws);
+    let seen = read(spec, &command, &state, visit.target, noise, draws);
     let design = &scenario.design;
     let pulled = design
         .loads

@@ -1,0 +1,181 @@
+//! From a case to a row of the sweep's table: what the diagnosis said beside what was hidden.
+
+use super::case::{Case, CaseError, draw};
+use super::signal;
+use crate::campaign::Split;
+use crate::diagnosis::{Diagnosis, Verdict, diagnose};
+use crate::fit::{self, Options, noise};
+use crate::model_file;
+use crate::scenario::Scenario;
+use serde::{Deserialize, Serialize};
+
+/// One case. Several words in a cell are joined by `+`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Number of the case.
+    pub case: usize,
+    /// `one`, `none`, `two`, `outside`.
+    pub class: String,
+    /// What was hidden.
+    pub hidden: String,
+    /// Its largest parameter, typical sizes.
+    pub size: String,
+    /// Its signal beside the base model and the other hidden effect, σ²; the smaller of two.
+    pub lambda: f64,
+    /// The diagnosis' verdict.
+    pub verdict: String,
+    /// The effects that it names.
+    pub named: String,
+    /// First of its ranking with evidence in nats, and the second.
+    pub ranking: String,
+    /// Contrast in which an effect outside the catalogue shows; the one that the diagnosis found.
+    pub contrast: String,
+    /// The contrast that the diagnosis found to carry most.
+    pub contrast_found: String,
+    /// Was it right? See [`Row::judge`].
+    pub outcome: String,
+    /// Share of the misfit that the named effects explain.
+    pub explained: f64,
+    /// Whitened rms of the held-out readings: base model.
+    pub heldout_base: Option<f64>,
+    /// The same with what was named.
+    pub heldout_named: Option<f64>,
+    /// The same about their true values: noise alone.
+    pub heldout_oracle: Option<f64>,
+    /// Readings rejected.
+    pub rejected: usize,
+    /// After an alias verdict: λ that the proposed poses promise, and what they led to.
+    pub resolved: String,
+}
+
+/// What a row counts as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// Named right (or the exact set of aliases, or nothing where there is nothing).
+    Right,
+    /// The right one, its form said to be wrong or something else left.
+    Incomplete,
+    /// One of a set that holds the right one.
+    InSet,
+    /// Nothing, though something was there.
+    Missed,
+    /// "Something unknown".
+    Unknown,
+    /// A wrong name, or more names than there were effects.
+    Wrong,
+}
+
+impl Outcome {
+    /// Its word in tables.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Right => "right",
+            Self::Incomplete => "incomplete",
+            Self::InSet => "in_set",
+            Self::Missed => "missed",
+            Self::Unknown => "unknown",
+            Self::Wrong => "wrong",
+        }
+    }
+}
+
+/// Draws a case, diagnoses it without its truth, and scores the answer.
+///
+/// # Errors
+/// As [`draw`], and if there is no fit.
+pub fn score(scenario: &Scenario, number: usize) -> Result<Row, CaseError> {
+    let case = draw(scenario, number)?;
+    let model = model_file::model(&case.campaign, None, None)?;
+    let quick = Options {
+        cross_validate: false,
+    };
+    let found = diagnose(&case.campaign, &model, &quick, |_| {})?;
+    Ok(row(&case, &found))
+}
+
+fn row(case: &Case, found: &Diagnosis) -> Row {
+    let first = |count: usize| {
+        let best = found.candidates.iter().take(count);
+        let words: Vec<String> = best
+            .map(|c| format!("{} {:.1}", c.effect, c.log_evidence))
+            .collect();
+        words.join("+")
+    };
+    let sizes: Vec<String> = case.sizes.iter().map(|size| format!("{size:.3}")).collect();
+    Row {
+        case: case.number,
+        class: case.class.word().to_owned(),
+        hidden: case.hidden.join("+"),
+        size: sizes.join("+"),
+        lambda: case.lambdas.iter().copied().reduce(f64::min).unwrap_or(0.0),
+        verdict: word(found.verdict).to_owned(),
+        named: found.effects.join("+"),
+        ranking: first(2),
+        contrast: case.contrast.unwrap_or("").to_owned(),
+        contrast_found: found.class().unwrap_or("").to_owned(),
+        outcome: judge(case, found).word().to_owned(),
+        explained: found.explained(),
+        heldout_base: heldout(case, &found.base),
+        heldout_named: heldout(case, &found.fit),
+        heldout_oracle: case.oracle,
+        rejected: found.rejected.len(),
+        resolved: String::new(),
+    }
+}
+
+fn word(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Nothing => "nothing",
+        Verdict::Named => "named",
+        Verdict::NamedIncomplete => "named_incomplete",
+        Verdict::Alias => "alias",
+        Verdict::Unknown => "unknown",
+    }
+}
+
+/// Whitened rms of held-out readings, by the noise that the campaign states.
+fn heldout(case: &Case, fit: &fit::Fit) -> Option<f64> {
+    let readings = signal::readings(&case.campaign, Split::Heldout);
+    if readings.is_empty() {
+        return None;
+    }
+    let stated = case.campaign.noise.unwrap_or(case.scenario.noise);
+    let whiteners = noise::whiteners(&fit.model, &fit.values, &readings, &stated);
+    Some(fit::errors(&fit.model, &fit.values, &readings, &whiteners).whitened_rms)
+}
+
+/// What an answer counts as.
+pub fn judge(case: &Case, found: &Diagnosis) -> Outcome {
+    let hidden = &case.hidden;
+    let known = crate::effects::CATALOGUE
+        .iter()
+        .any(|entry| hidden.contains(&entry.id));
+    let set = |names: &[&str]| {
+        let mut names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        names.sort();
+        names
+    };
+    let same = set(hidden) == set(&found.effects);
+    match found.verdict {
+        Verdict::Nothing if hidden.is_empty() => Outcome::Right,
+        Verdict::Nothing => Outcome::Missed,
+        Verdict::Unknown if !hidden.is_empty() && !known => Outcome::Right,
+        Verdict::Unknown => Outcome::Unknown,
+        Verdict::Named if same => Outcome::Right,
+        Verdict::NamedIncomplete if same => Outcome::Incomplete,
+        Verdict::Alias => {
+            let holds = hidden.iter().all(|id| found.effects.contains(id));
+            let exact = hidden.first().and_then(|id| crate::effects::find(id));
+            let exact = exact.is_some_and(|entry| {
+                let others = found.effects.iter().filter(|id| **id != entry.id);
+                others.clone().count() > 0 && others.clone().all(|id| entry.aliases.contains(id))
+            });
+            match (holds && !hidden.is_empty(), exact) {
+                (true, true) => Outcome::Right,
+                (true, false) => Outcome::InSet,
+                _ => Outcome::Wrong,
+            }
+        }
+        _ => Outcome::Wrong,
+    }
+}
