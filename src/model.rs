@@ -285,6 +285,21 @@ impl Workspace {
         }
     }
 
+    /// Torque of the load about each joint's axis in the predicted posture, N·m (N for a slide).
+    pub fn joint_torques(&mut self, model: &Model, p: &[f64], reading: &Reading) -> Vec<f64> {
+        self.predict(model, p, reading);
+        let setup = &model.setup;
+        let load = Load::of(setup, reading);
+        self.statics.load(setup, &load, &self.deviations);
+        let joints = setup.robot.joints.iter().zip(&self.statics.local_wrench[1..]);
+        joints
+            .map(|(joint, wrench)| {
+                let along = wrench.fixed_rows::<3>(joint.load_row());
+                joint.axis.dot(&along)
+            })
+            .collect()
+    }
+
     /// What the wrist sensor reads of the known load: the truth, then the sensor's effects on it.
     fn sense(&mut self, model: &Model, p: &[f64], reading: &Reading) -> Vector6<f64> {
         let origin = self.link(model, reading).translation();

@@ -1,12 +1,17 @@
 //! What is missing: from a campaign and a base model to a verdict.
 //!
 //! Screen outliers inside pose groups; take the noise from repeats; fit the base model; say which effects the
-//! campaign cannot see at all; score all others with the base model partialled out; rank by evidence; join
-//! those that cannot be told apart; refit with the best; test what is left; and go on while something is named.
+//! campaign cannot see at all; score all others with the base model partialled out; find the set of them with the
+//! most evidence; join those that cannot be told apart; refit with the set; test what is left; and compare with
+//! patterns that no effect has, so that what the catalogue does not hold is not given the name of its nearest.
 
 mod contrasts;
+mod families;
+mod patterns;
+mod prediction;
 pub(crate) mod score;
 mod screen;
+mod search;
 
 pub use contrasts::Contrast;
 
@@ -16,9 +21,11 @@ use crate::fit::noise::{self, Source};
 use crate::fit::{self, CampaignProblem, Fit, FitError, Options};
 use crate::model::Model;
 use contrasts::Field;
+use families::{Family, FamilyScore};
 use nalgebra::DMatrix;
-use score::{Against, Gram};
-use std::ops::Range;
+pub use patterns::Pattern;
+use prediction::{Folds, Gain};
+use score::{Against, Gram, Information};
 use std::sync::Arc;
 
 /// Families whose expected λ at typical size is below this are invisible to a campaign.
@@ -72,17 +79,6 @@ pub struct CannotSee {
     pub why: String,
 }
 
-/// A variable that the misfit goes with.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
-pub struct Where {
-    /// Joint.
-    pub variable: String,
-    /// What was tested.
-    pub pattern: &'static str,
-    /// Probability of as much from noise alone.
-    pub p_value: f64,
-}
-
 /// A diagnosis.
 #[derive(Debug, Clone)]
 pub struct Diagnosis {
@@ -94,8 +90,10 @@ pub struct Diagnosis {
     pub named: Vec<&'static str>,
     /// Contrasts of the base model's misfit.
     pub contrasts: Vec<Contrast>,
-    /// Joints that the misfit goes with, most likely first.
-    pub variables: Vec<Where>,
+    /// What the base model's misfit follows, the most evidence first.
+    pub patterns: Vec<Pattern>,
+    /// What is left after the named effects follows these.
+    pub patterns_left: Vec<Pattern>,
     /// Effects tried on the base model, best first.
     pub candidates: Vec<Candidate>,
     /// Effects that the campaign cannot see.
@@ -104,6 +102,10 @@ pub struct Diagnosis {
     pub base: Fit,
     /// The fit with the named effects; the base's if none.
     pub fit: Fit,
+    /// Log evidence of the effects that explain the misfit best, together, nats.
+    pub evidence: f64,
+    /// What these are worth on poses left out, as a share of what they are on the poses fitted.
+    pub predicted: Option<f64>,
     /// Lines of the rejected readings.
     pub rejected: Vec<usize>,
 }
@@ -112,6 +114,11 @@ impl Diagnosis {
     /// The contrast that tells what class of effect is missing: in `time`, between `direction`s, between `load`s, or
     /// none of these but between `pose`s. None if none is sure.
     pub fn class(&self) -> Option<&'static str> {
+        if let (Verdict::Unknown, Some(pattern)) = (self.verdict, self.patterns.first())
+            && pattern.log_evidence > NEAR
+        {
+            return Some(pattern.class);
+        }
         let sure = |name: &str| {
             let found = self.contrasts.iter().find(|c| c.name == name);
             found.filter(|c| c.p_value < ALARM)
@@ -146,49 +153,73 @@ pub fn diagnose(
     on_step("scoring the catalogue");
     let first = analyse(&campaign, &base);
     let mut current = base.clone();
-    let mut look = analyse_again(&first);
+    let mut last = first.clone();
     let mut named: Vec<&'static str> = Vec::new();
-    let mut aliases: Vec<&'static str> = Vec::new();
-    let mut verdict = Verdict::Nothing;
-    while look.alarm {
-        let Some(best) = look.best else {
-            // something is there that no family explains
-            // where the noise is what is left, nobody knows how much is still to be explained
-            let enough =
-                base.noise.source == Source::Residual || explained(&base, &current) >= ENOUGH;
-            verdict = if !named.is_empty() && enough {
-                Verdict::NamedIncomplete
-            } else {
-                Verdict::Unknown
-            };
-            break;
-        };
-        if named.len() == MOST {
-            verdict = Verdict::NamedIncomplete;
-            break;
-        }
-        if named.is_empty() {
-            aliases = look.near.clone();
-        }
-        on_step(&format!("refitting with {best}"));
-        let Some(effect) = effect(best) else { break };
+    let mut evidence = 0.0;
+    for id in first.set.iter().copied() {
+        on_step(&format!("refitting with {id}"));
+        let Some(effect) = effect(id) else { continue };
         current = finite_fit(&campaign, &current.model.with(&effect))?;
-        named.push(best);
-        verdict = Verdict::Named;
-        look = analyse_again(&analyse(&campaign, &current));
+        named.push(id);
+        evidence = first.set_evidence;
     }
+    if !named.is_empty() {
+        on_step("testing what is left");
+        last = analyse(&campaign, &current);
+    }
+    // large effects may hide another until they are refitted
+    while let (Some(&id), true) = (last.set.first(), named.len() < MOST) {
+        on_step(&format!("refitting with {id}"));
+        let Some(effect) = effect(id) else { break };
+        current = finite_fit(&campaign, &current.model.with(&effect))?;
+        named.push(id);
+        evidence += last.first_evidence;
+        last = analyse(&campaign, &current);
+    }
+    // where the noise is what is left, nobody knows how much is still to be explained
+    let measured = base.noise.source != Source::Residual;
+    let enough = !measured || explained(&base, &current) >= ENOUGH;
+    let pattern = |analysis: &Analysis| analysis.patterns.first().map_or(0.0, |p| p.log_evidence);
+    let (before, after) = (pattern(&first), pattern(&last).max(0.0));
+    let verdict = if named.is_empty() {
+        if first.alarm {
+            Verdict::Unknown
+        } else {
+            Verdict::Nothing
+        }
+    } else if measured && before > evidence + after + NEAR {
+        // a pattern that no effect has explains the whole better than all the effects named
+        named.truncate(1);
+        if first.first_evidence >= ENOUGH * before {
+            Verdict::NamedIncomplete
+        } else {
+            Verdict::Unknown
+        }
+    } else if last.alarm {
+        if enough {
+            Verdict::NamedIncomplete
+        } else {
+            Verdict::Unknown
+        }
+    } else if first.near.len() > named.len() {
+        Verdict::Alias
+    } else {
+        Verdict::Named
+    };
     let mut effects = named.clone();
     match verdict {
-        Verdict::Named if named.len() == 1 && aliases.len() > 1 => {
-            verdict = Verdict::Alias;
-            effects = aliases;
-        }
+        Verdict::Alias => effects = first.near.clone(),
         Verdict::Unknown | Verdict::Nothing => {
             effects.clear();
             named.clear();
-            current = base.clone();
         }
-        _ => {}
+        Verdict::Named | Verdict::NamedIncomplete => {}
+    }
+    if current.model.terms.len() != base.model.terms.len() + named.len() {
+        let made = named.iter().filter_map(|id| effect(id));
+        let model = made.fold(base.model.clone(), |model, effect| model.with(&effect));
+        current = finite_fit(&campaign, &model)?;
+        last = analyse(&campaign, &current);
     }
     if options.cross_validate {
         on_step("cross-validation");
@@ -200,7 +231,10 @@ pub fn diagnose(
         effects,
         named,
         contrasts: first.contrasts,
-        variables: first.variables,
+        patterns: first.patterns,
+        patterns_left: last.patterns,
+        evidence,
+        predicted: first.gain.filter(|_| !first.set.is_empty()).map(|gain| gain.share()),
         candidates: first.candidates,
         cannot_see: first.cannot_see,
         base,
@@ -268,59 +302,32 @@ fn explained(base: &Fit, later: &Fit) -> f64 {
 }
 
 /// All tests on one fit.
+#[derive(Clone)]
 struct Analysis {
     contrasts: Vec<Contrast>,
-    variables: Vec<Where>,
+    patterns: Vec<Pattern>,
     candidates: Vec<Candidate>,
     cannot_see: Vec<CannotSee>,
-    lack_of_fit: f64,
-}
-
-/// What follows from them.
-struct Look {
+    /// Is anything there?
     alarm: bool,
-    best: Option<&'static str>,
+    /// The effects that explain it best, and the evidence of all and of the first.
+    set: Vec<&'static str>,
+    set_evidence: f64,
+    first_evidence: f64,
+    /// What the set is worth on poses left out.
+    gain: Option<Gain>,
+    /// The same with all that cannot be told from one of them.
     near: Vec<&'static str>,
 }
-
-fn analyse_again(analysis: &Analysis) -> Look {
-    let families = ALARM / analysis.candidates.len().max(1) as f64;
-    let tests = (analysis.contrasts.len() + analysis.variables.len() + 1) as f64;
-    let others = analysis.contrasts.iter().map(|c| c.p_value);
-    let others = others.chain(analysis.variables.iter().map(|v| v.p_value));
-    let least = others.fold(analysis.lack_of_fit, f64::min);
-    let sure: Vec<&Candidate> = analysis
-        .candidates
-        .iter()
-        .filter(|c| c.p_value < families && c.log_evidence > 0.0)
-        .collect();
-    let best = sure.first().copied();
-    // near in evidence, or known beforehand to imitate the best exactly
-    let near = |best: &Candidate| {
-        let known = crate::effects::find(best.effect).map_or(&[][..], |entry| entry.aliases);
-        let close = |c: &&&Candidate| {
-            c.log_evidence > best.log_evidence - NEAR || known.contains(&c.effect)
-        };
-        sure.iter().filter(close).map(|c| c.effect).collect()
-    };
-    Look {
-        alarm: best.is_some() || least < ALARM / tests,
-        near: best.map_or_else(Vec::new, near),
-        best: best.map(|c| c.effect),
-    }
-}
-
-/// Harmonics of the scan over joint angles.
-const HARMONICS: usize = 3;
 
 /// Runs all tests on a fit.
 fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
     let readings = fitted(campaign);
     let mut model = fit.model.clone();
-    let mut families: Vec<(&'static str, Range<usize>)> = Vec::new();
     let base = fit.free.len();
     let mut free = fit.free.clone();
     let mut values = fit.values.clone();
+    let mut families: Vec<Family> = Vec::new();
     for entry in CATALOGUE {
         if model.has(entry.id) {
             continue;
@@ -328,12 +335,12 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
         let Ok(effect) = entry.make(toml::Table::new()) else {
             continue;
         };
+        families.push(Family::new(&effect, &model, free.len() - base));
         let first = values.len();
         model = model.with(&effect);
-        let count = model.start().len() - first;
-        families.push((entry.id, free.len()..free.len() + count));
-        free.extend(first..first + count);
-        values.extend(std::iter::repeat_n(0.0, count));
+        let count = model.start().len();
+        free.extend(first..count);
+        values.resize(count, 0.0);
     }
     let whiteners = noise::whiteners(&fit.model, &fit.values, &readings, &fit.noise.shape);
     let problem = CampaignProblem::new(&model, &readings, &whiteners, &free, &values);
@@ -341,55 +348,136 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
     let blocks = problem.blocks(&at);
     let gram = Gram::new(&blocks, base);
     let against = against(fit, &gram);
-    let excess = (gram.misfit() / against.variance - (gram.rows - gram.rank) as f64).max(1.0);
-    let mut candidates = Vec::new();
+    let information = gram.families(against.variance);
+    let scores: Vec<FamilyScore> = families
+        .iter()
+        .map(|family| family.score(&information, &against))
+        .collect();
     let mut cannot_see = Vec::new();
-    for (effect, columns) in families {
-        let score = gram.score(columns, against.variance);
-        let lacks = crate::effects::find(effect).and_then(|entry| {
-            let lacking = entry.needs.iter().find(|need| !need.is_met(campaign));
-            lacking.map(|need| need.sentence().to_owned())
-        });
-        if lacks.is_some() || score.expected < VISIBLE || score.dof == 0 {
-            let faint = if score.raw > VISIBLE && score.expected < 1e-6 * score.raw {
-                "the model already holds all that it can do".to_owned()
-            } else {
-                format!(
-                    "a typical size would show with λ = {:.1}; {VISIBLE} is needed",
-                    score.expected
-                )
-            };
-            cannot_see.push(CannotSee {
-                effect,
-                why: lacks.unwrap_or(faint),
-            });
-            continue;
+    let mut tried = Vec::new();
+    for (index, (family, score)) in families.iter().zip(&scores).enumerate() {
+        match blind(campaign, family.effect.id(), score) {
+            Some(why) => cannot_see.push(CannotSee {
+                effect: family.effect.id(),
+                why,
+            }),
+            None => tried.push(index),
         }
-        let signal = (score.chi2 - score.dof as f64).max(0.0);
-        candidates.push(Candidate {
-            effect,
-            log_evidence: score.log_evidence,
-            lambda: signal,
-            p_value: against.p_value(score.chi2, score.dof as f64),
-            explained: (signal / excess).min(1.0),
-        });
     }
-    candidates.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
-    let field = field(&readings, &whiteners, &blocks, &gram, base);
-    let mut variables = scan(&field, &model, fit, &readings, &whiteners, &against);
-    variables.sort_by(|a, b| a.p_value.total_cmp(&b.p_value));
     let left = (gram.rows - gram.rank) as f64;
+    let excess = (gram.misfit() / against.variance - left).max(1.0);
+    let mut candidates: Vec<Candidate> = tried
+        .iter()
+        .map(|&index| {
+            let score = &scores[index];
+            let signal = (score.chi2 - score.dof as f64).max(0.0);
+            Candidate {
+                effect: families[index].effect.id(),
+                log_evidence: score.log_evidence,
+                lambda: signal,
+                p_value: score.p_value,
+                explained: (signal / excess).min(1.0),
+            }
+        })
+        .collect();
+    candidates.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    let set = search::search(&families, &tried, &information, &against, MOST);
+    let folds = Folds::new(&readings, &rows_of(&whiteners), &blocks);
+    let gain = gain(&folds, &families, &set.members, &scores, base, &against);
+    let near = near(&families, &tried, &set.members, &information, &against);
+    let ids = |members: &[usize]| members.iter().map(|&m| families[m].effect.id()).collect();
+    let field = field(&readings, &whiteners, &blocks, &gram, base);
+    let contrasts = contrasts::contrasts(&field, &against);
+    let patterns = patterns::patterns(&field, fit, &whiteners, &against);
+    let lack_of_fit = match fit.noise.source {
+        // measured against itself nothing is left over
+        Source::Residual => 1.0,
+        _ => against.p_value(gram.misfit() / against.variance, left),
+    };
+    let tests = (contrasts.len() + patterns.len() + 1) as f64;
+    let others = contrasts.iter().map(|c| c.p_value);
+    let others = others.chain(patterns.iter().map(|p| p.p_value));
+    let least = others.fold(lack_of_fit, f64::min);
     Analysis {
-        contrasts: contrasts::contrasts(&field, &against),
-        variables,
+        alarm: !set.members.is_empty() || least < ALARM / tests,
+        first_evidence: set.members.first().map_or(0.0, |&m| scores[m].log_evidence),
+        set_evidence: set.log_evidence,
+        gain,
+        set: ids(&set.members),
+        near: ids(&near),
+        contrasts,
+        patterns,
         candidates,
         cannot_see,
-        lack_of_fit: match fit.noise.source {
-            // measured against itself nothing is left over
-            Source::Residual => 1.0,
-            _ => against.p_value(gram.misfit() / against.variance, left),
-        },
     }
+}
+
+fn rows_of(whiteners: &[noise::Whitener]) -> Vec<usize> {
+    whiteners.iter().map(|whitener| whitener.rows).collect()
+}
+
+/// What a set is worth, each effect with its most likely size as its prior.
+fn gain(
+    folds: &Folds,
+    families: &[Family],
+    members: &[usize],
+    scores: &[FamilyScore],
+    base: usize,
+    against: &Against,
+) -> Option<Gain> {
+    let without: Vec<(usize, f64)> = (0..base).map(|k| (k, fit::solve::WEAK)).collect();
+    let mut with = without.clone();
+    for &member in members {
+        let prior = against.variance.sqrt() / scores[member].scale;
+        let columns = families[member].columns.clone();
+        with.extend(columns.map(|k| (base + k, prior)));
+    }
+    folds.gain(&without, &with, against.variance)
+}
+
+/// Why a campaign cannot see a family, if it cannot.
+fn blind(campaign: &Campaign, effect: &str, score: &FamilyScore) -> Option<String> {
+    let lacks = crate::effects::find(effect).and_then(|entry| {
+        let lacking = entry.needs.iter().find(|need| !need.is_met(campaign));
+        lacking.map(|need| need.sentence().to_owned())
+    });
+    if lacks.is_some() {
+        return lacks;
+    }
+    if score.raw > VISIBLE && score.expected < 1e-6 * score.raw {
+        return Some("the model already holds all that it can do".to_owned());
+    }
+    (score.expected < VISIBLE || score.dof == 0).then(|| {
+        format!(
+            "a typical size would show with λ = {:.1}; {VISIBLE} is needed",
+            score.expected
+        )
+    })
+}
+
+/// The members of a set with all families that come near to one of them beside the others, or are known beforehand to
+/// imitate it exactly.
+fn near(
+    families: &[Family],
+    tried: &[usize],
+    members: &[usize],
+    information: &Information,
+    against: &Against,
+) -> Vec<usize> {
+    let mut all = members.to_vec();
+    for &member in members {
+        let beside = search::beside(families, members, member, information, against);
+        let own = families[member].score(&beside, against).log_evidence;
+        let known = families[member].effect.aliases();
+        for &other in tried.iter().filter(|other| !members.contains(other)) {
+            let score = families[other].score(&beside, against);
+            let close = score.log_evidence > own - NEAR || known.contains(&families[other].effect.id());
+            if close && score.is_sure(ALARM, tried.len()) && !all.contains(&other) {
+                all.push(other);
+            }
+        }
+    }
+    all
 }
 
 /// The noise to test against: of repeats, of the file, or of what is left.
@@ -457,63 +545,4 @@ fn field<'a>(
         rows,
         matrix,
     }
-}
-
-/// Smooth tests: does the misfit look like an error of one joint that depends on its angle?
-fn scan(
-    field: &Field,
-    model: &Model,
-    fit: &Fit,
-    readings: &[&Reading],
-    whiteners: &[noise::Whitener],
-    against: &Against,
-) -> Vec<Where> {
-    let setup = &model.setup;
-    let mut workspace = crate::model::Workspace::new(setup);
-    let mut jacobian = crate::model::Rows::zeros(setup.robot.joints.len());
-    let width = 2 * HARMONICS;
-    let mut columns = DMatrix::zeros(field.matrix.nrows(), width * setup.observed.len());
-    for (index, (reading, whitener)) in readings.iter().zip(whiteners).enumerate() {
-        workspace.joint_jacobian(&fit.model, &fit.values, reading, &mut jacobian);
-        for (place, &joint) in setup.observed.iter().enumerate() {
-            let rate = jacobian.column(joint).into_owned();
-            let q = reading.joints[joint];
-            whitener.apply(&rate, &mut |i, value| {
-                for harmonic in 0..HARMONICS {
-                    let (sin, cos) = ((harmonic + 1) as f64 * q).sin_cos();
-                    let column = width * place + 2 * harmonic;
-                    columns[(field.rows[index] + i, column)] = value * sin;
-                    columns[(field.rows[index] + i, column + 1)] = value * cos;
-                }
-            });
-        }
-    }
-    let last = field.matrix.ncols() - 1;
-    let q = field.matrix.columns(0, last);
-    let left = &columns - q * q.tr_mul(&columns);
-    let residual = field.matrix.column(last);
-    let mut found = Vec::new();
-    for (place, &joint) in setup.observed.iter().enumerate() {
-        let part = left.columns(width * place, width);
-        let eigen = part.tr_mul(&part).symmetric_eigen();
-        let gradient = part.tr_mul(&residual);
-        let (mut chi2, mut dof) = (0.0, 0.0);
-        // an amplitude of 0.1 mrad has to show
-        for (value, vector) in eigen
-            .eigenvalues
-            .iter()
-            .zip(eigen.eigenvectors.column_iter())
-        {
-            if value.max(0.0).sqrt() * 1e-4 > 0.05 {
-                chi2 += vector.dot(&gradient.column(0)).powi(2) / value / against.variance;
-                dof += 1.0;
-            }
-        }
-        found.push(Where {
-            variable: setup.robot.joints[joint].name.clone(),
-            pattern: "smooth in its angle, 1 to 3 cycles a turn",
-            p_value: against.p_value(chi2, dof),
-        });
-    }
-    found
 }

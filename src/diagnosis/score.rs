@@ -43,6 +43,8 @@ pub struct Score {
     pub expected: f64,
     /// Log evidence against the base model, nats.
     pub log_evidence: f64,
+    /// The size beside the typical one at which it is largest.
+    pub scale: f64,
 }
 
 impl Gram {
@@ -108,13 +110,68 @@ impl Gram {
         self.partial(r..r + 1, r..r + 1)[(0, 0)]
     }
 
-    /// Scores the family in these columns against noise of `variance` (1 if the whitening is right).
-    pub fn score(&self, columns: Range<usize>, variance: f64) -> Score {
+    /// Information `Xᵀ M X` and gradient `Xᵀ M r` of all columns behind the base model's, in units of noise of
+    /// `variance`, with the trace of each column before the base model took its share.
+    pub fn families(&self, variance: f64) -> Information {
         let r = self.matrix.ncols() - 1;
-        let raw = columns.clone().map(|k| self.matrix[(k, k)]).sum::<f64>() / variance;
-        let information = self.partial(columns.clone(), columns.clone());
-        let gradient: DVector<f64> = self.partial(columns, r..r + 1).column(0).into_owned();
-        let expected = information.trace() / variance;
+        let all = self.base..r;
+        Information {
+            raw: all.clone().map(|k| self.matrix[(k, k)] / variance).collect(),
+            gradient: self.partial(all.clone(), r..r + 1).column(0) / variance,
+            matrix: self.partial(all.clone(), all) / variance,
+        }
+    }
+}
+
+/// What is known of columns that a model lacks, in units of the noise: `Xᵀ M X` and `Xᵀ M r` for typical sizes.
+#[derive(Debug, Clone)]
+pub struct Information {
+    /// `Xᵀ M X`.
+    pub matrix: DMatrix<f64>,
+    /// `Xᵀ M r`.
+    pub gradient: DVector<f64>,
+    /// Diagonal of `Xᵀ X`.
+    pub raw: Vec<f64>,
+}
+
+impl Information {
+    /// Scores the family of these columns.
+    pub fn score(&self, columns: &Range<usize>) -> Score {
+        let n = columns.len();
+        let information = self.matrix.view((columns.start, columns.start), (n, n));
+        let gradient = self.gradient.rows(columns.start, n);
+        let raw = self.raw[columns.clone()].iter().sum();
+        Score::of(information.into_owned(), &gradient.into_owned(), raw)
+    }
+
+    /// What is known of all others once these columns are in the model, at the size that the readings give them.
+    pub fn given(&self, columns: &Range<usize>, scale: f64) -> Self {
+        let n = columns.len();
+        let mut own = self
+            .matrix
+            .view((columns.start, columns.start), (n, n))
+            .into_owned();
+        for k in 0..n {
+            own[(k, k)] += (scale * scale).recip();
+        }
+        let Some(factor) = own.cholesky() else {
+            return self.clone();
+        };
+        let across = self.matrix.rows(columns.start, n).into_owned();
+        let gradient = self.gradient.rows(columns.start, n).into_owned();
+        Self {
+            matrix: &self.matrix - across.tr_mul(&factor.solve(&across)),
+            gradient: &self.gradient - across.tr_mul(&factor.solve(&gradient)),
+            raw: self.raw.clone(),
+        }
+    }
+}
+
+impl Score {
+    /// Of columns of typical size with this information and gradient, both in units of the noise and with the base
+    /// model partialled out; `raw` is the trace of the information before that.
+    pub fn of(information: DMatrix<f64>, gradient: &DVector<f64>, raw: f64) -> Self {
+        let expected = information.trace();
         let eigen = information.symmetric_eigen();
         let mut directions = Vec::new();
         for (value, vector) in eigen
@@ -122,10 +179,10 @@ impl Gram {
             .iter()
             .zip(eigen.eigenvectors.column_iter())
         {
-            let s2 = value.max(0.0) / variance;
+            let s2 = value.max(0.0);
             if s2.sqrt() > FAINT {
-                // z = vᵀ g / s, both in σ
-                directions.push((s2, vector.dot(&gradient).powi(2) / value / variance));
+                // z = vᵀ g / s, in σ
+                directions.push((s2, vector.dot(gradient).powi(2) / s2));
             }
         }
         let log_of = |scale: f64| -> f64 {
@@ -136,16 +193,32 @@ impl Gram {
             terms.sum()
         };
         let logs = SCALES.map(log_of);
-        let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let mean = logs.iter().map(|l| (l - largest).exp()).sum::<f64>() / logs.len() as f64;
-        Score {
+        let mut scale = SCALES[0];
+        let mut largest = logs[0];
+        for (log, at) in logs.into_iter().zip(SCALES) {
+            if log > largest {
+                (largest, scale) = (log, at);
+            }
+        }
+        Self {
             chi2: directions.iter().map(|d| d.1).sum(),
             dof: directions.len(),
             raw,
             expected,
-            log_evidence: largest + mean.ln(),
+            log_evidence: log_mean(&logs),
+            scale,
         }
     }
+}
+
+/// Logarithm of the mean of exponentials.
+pub fn log_mean(logs: &[f64]) -> f64 {
+    let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    if !largest.is_finite() {
+        return largest;
+    }
+    let sum = logs.iter().map(|log| (log - largest).exp()).sum::<f64>();
+    largest + (sum / logs.len() as f64).ln()
 }
 
 /// Noise variance to test against.

@@ -3,7 +3,7 @@
 use super::format::{count, length, number, wrap};
 use super::json::NoiseDocument;
 use crate::campaign::Campaign;
-use crate::diagnosis::{Candidate, CannotSee, Diagnosis, Verdict, Where};
+use crate::diagnosis::{Candidate, CannotSee, Diagnosis, Verdict};
 use crate::fit::Errors;
 use serde::Serialize;
 use std::fmt::Write;
@@ -25,6 +25,14 @@ pub struct DiagnosisDocument {
     base_heldout: Option<Errors>,
     fit: Errors,
     heldout: Option<Errors>,
+}
+
+/// What the misfit follows.
+#[derive(Debug, Serialize)]
+struct Where {
+    variable: String,
+    pattern: String,
+    p_value: f64,
 }
 
 /// p-values of the contrasts that the design has.
@@ -52,7 +60,15 @@ pub fn document(diagnosis: &Diagnosis) -> DiagnosisDocument {
         schema: "misfit.diagnosis/1",
         verdict: diagnosis.verdict,
         effects: diagnosis.effects.clone(),
-        r#where: diagnosis.variables.clone(),
+        r#where: diagnosis
+            .patterns
+            .iter()
+            .map(|pattern| Where {
+                variable: pattern.variable.clone(),
+                pattern: pattern.words.clone(),
+                p_value: pattern.p_value,
+            })
+            .collect(),
         contrasts: Contrasts {
             pose: p("pose"),
             load: p("load"),
@@ -109,13 +125,13 @@ pub fn text(campaign: &Campaign, diagnosis: &Diagnosis) -> String {
         );
         let _ = writeln!(out, "{}", line.trim_end());
     }
-    let carried = diagnosis.variables.iter().filter(|v| v.p_value < CARRIES);
-    for variable in carried.take(3) {
+    let carried = diagnosis.patterns.iter().filter(|p| p.p_value < CARRIES);
+    for pattern in carried.take(2) {
         let line = format!(
-            "  → it goes with {} ({}), {}",
-            variable.variable,
-            variable.pattern,
-            p_value(variable.p_value)
+            "  → as if {}, {} (evidence {:+.0} nats)",
+            pattern.words,
+            p_value(pattern.p_value),
+            pattern.log_evidence
         );
         let _ = writeln!(out, "{}", wrap(&line, 4));
     }

@@ -61,7 +61,7 @@ impl SweepDocument {
                 "unknown",
                 "wrong",
             ],
-            &[2, 3, 4, 5, 6, 7, 8],
+            &[2, 3, 4, 5, 6, 7, 8, 9],
         );
         let mut add = |what: &str, span: String, bin: &Bin| {
             let share = |n: usize| {
@@ -79,6 +79,7 @@ impl SweepDocument {
                     share(bin.right),
                     share(bin.incomplete),
                     share(bin.in_set),
+                    share(bin.partial),
                     share(bin.missed),
                     share(bin.unknown),
                     share(bin.wrong),

@@ -147,7 +147,9 @@ impl Scenario {
             file: file.clone(),
             source,
         })?;
+        let folder = path.parent().unwrap_or(Path::new(""));
         let all: toml::Table = toml::from_str(&text).map_err(|error| form(plain(&error)))?;
+        let (all, text) = layered(&file, folder, all, text)?;
         let shared = ["robot", "base", "gravity", "target", "frames", "noise"];
         let (shared, own): (toml::Table, toml::Table) = all
             .into_iter()
@@ -156,7 +158,6 @@ impl Scenario {
         let own: OwnKeys = own
             .try_into()
             .map_err(|error: toml::de::Error| form(plain(&error)))?;
-        let folder = path.parent().unwrap_or(Path::new(""));
         let robot_path = folder.join(&document.robot);
         let robot_text =
             std::fs::read_to_string(&robot_path).map_err(|source| ScenarioError::Read {
@@ -234,6 +235,57 @@ impl Scenario {
             setup,
         })
     }
+}
+
+/// A scenario with `like = "other.toml"` is the other one but for what it says itself: keys of its tables replace those
+/// of the same table there. Both texts make its text.
+fn layered(
+    file: &str,
+    folder: &Path,
+    mut own: toml::Table,
+    text: String,
+) -> Result<(toml::Table, String), ScenarioError> {
+    let form = |message: String| ScenarioError::Form {
+        file: file.to_owned(),
+        message,
+    };
+    let like = match own.remove("like") {
+        None => return Ok((own, text)),
+        Some(toml::Value::String(like)) => like,
+        Some(other) => {
+            return Err(form(format!(
+                "like is {other}; accepted: the name of another scenario in the same folder"
+            )));
+        }
+    };
+    if Path::new(&like).components().count() != 1 {
+        return Err(form(format!(
+            "like = \"{like}\"; accepted: the name of another scenario in the same folder"
+        )));
+    }
+    let path = folder.join(&like);
+    let below = std::fs::read_to_string(&path).map_err(|source| ScenarioError::Read {
+        file: path.display().to_string(),
+        source,
+    })?;
+    let mut all: toml::Table = toml::from_str(&below).map_err(|error| ScenarioError::Form {
+        file: path.display().to_string(),
+        message: plain(&error),
+    })?;
+    if all.contains_key("like") {
+        return Err(form(format!(
+            "like = \"{like}\", which is like another one itself; accepted: one that is not"
+        )));
+    }
+    for (key, value) in own {
+        match (all.get_mut(&key), value) {
+            (Some(toml::Value::Table(below)), toml::Value::Table(above)) => below.extend(above),
+            (_, value) => {
+                all.insert(key, value);
+            }
+        }
+    }
+    Ok((all, format!("{below}\n# but for:\n{text}")))
 }
 
 /// A TOML error in a user's words.

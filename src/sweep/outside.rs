@@ -85,7 +85,7 @@ impl Outside {
                 Self::LocalBump {
                     joint,
                     at: postures.get(posture).map_or(0.0, |q| q[joint]),
-                    width: random.random_range(0.15..0.4),
+                    width: random.random_range(0.1..0.25),
                 }
             }
             2 => {

@@ -36,6 +36,10 @@ pub struct Row {
     pub outcome: String,
     /// Share of the misfit that the named effects explain.
     pub explained: f64,
+    /// Worth of the best effects on poses left out, as a share of that on poses fitted.
+    pub predicted: Option<f64>,
+    /// Evidence of all effects, and of the best pattern before and after.
+    pub evidence: String,
     /// Whitened rms of the held-out readings: base model.
     pub heldout_base: Option<f64>,
     /// The same with what was named.
@@ -57,6 +61,8 @@ pub enum Outcome {
     Incomplete,
     /// One of a set that holds the right one.
     InSet,
+    /// One of two.
+    Partial,
     /// Nothing, though something was there.
     Missed,
     /// "Something unknown".
@@ -72,6 +78,7 @@ impl Outcome {
             Self::Right => "right",
             Self::Incomplete => "incomplete",
             Self::InSet => "in_set",
+            Self::Partial => "partial",
             Self::Missed => "missed",
             Self::Unknown => "unknown",
             Self::Wrong => "wrong",
@@ -115,12 +122,23 @@ fn row(case: &Case, found: &Diagnosis) -> Row {
         contrast_found: found.class().unwrap_or("").to_owned(),
         outcome: judge(case, found).word().to_owned(),
         explained: found.explained(),
+        predicted: found.predicted,
+        evidence: format!(
+            "{:.1}/{:.1}/{:.1}",
+            found.evidence,
+            pattern(&found.patterns),
+            pattern(&found.patterns_left)
+        ),
         heldout_base: heldout(case, &found.base),
         heldout_named: heldout(case, &found.fit),
         heldout_oracle: case.oracle,
         rejected: found.rejected.len(),
         resolved: String::new(),
     }
+}
+
+fn pattern(patterns: &[crate::diagnosis::Pattern]) -> f64 {
+    patterns.first().map_or(0.0, |pattern| pattern.log_evidence)
 }
 
 fn word(verdict: Verdict) -> &'static str {
@@ -163,19 +181,20 @@ pub fn judge(case: &Case, found: &Diagnosis) -> Outcome {
         Verdict::Unknown => Outcome::Unknown,
         Verdict::Named if same => Outcome::Right,
         Verdict::NamedIncomplete if same => Outcome::Incomplete,
-        Verdict::Alias => {
-            let holds = hidden.iter().all(|id| found.effects.contains(id));
-            let exact = hidden.first().and_then(|id| crate::effects::find(id));
-            let exact = exact.is_some_and(|entry| {
-                let others = found.effects.iter().filter(|id| **id != entry.id);
-                others.clone().count() > 0 && others.clone().all(|id| entry.aliases.contains(id))
-            });
-            match (holds && !hidden.is_empty(), exact) {
-                (true, true) => Outcome::Right,
-                (true, false) => Outcome::InSet,
-                _ => Outcome::Wrong,
+        Verdict::Alias if !hidden.is_empty() && hidden.iter().all(|id| found.effects.contains(id)) => {
+            // no more in the set than what imitates a hidden one exactly
+            let imitates = |id: &&str| {
+                let mut aliases = hidden.iter().filter_map(|id| crate::effects::find(id));
+                aliases.any(|entry| entry.aliases.contains(id))
+            };
+            let mut others = found.effects.iter().filter(|id| !hidden.contains(id));
+            if others.all(|id| imitates(&id)) {
+                Outcome::Right
+            } else {
+                Outcome::InSet
             }
         }
+        Verdict::Named if found.effects.iter().all(|id| hidden.contains(id)) => Outcome::Partial,
         _ => Outcome::Wrong,
     }
 }

@@ -26,6 +26,8 @@ pub struct Bin {
     pub incomplete: usize,
     /// A set that holds it.
     pub in_set: usize,
+    /// One of two.
+    pub partial: usize,
     /// Nothing said.
     pub missed: usize,
     /// Unknown.
@@ -41,6 +43,7 @@ impl Bin {
             "right" => self.right += 1,
             "incomplete" => self.incomplete += 1,
             "in_set" => self.in_set += 1,
+            "partial" => self.partial += 1,
             "missed" => self.missed += 1,
             "unknown" => self.unknown += 1,
             _ => self.wrong += 1,

@@ -1,0 +1,93 @@
+//! The effects that a model lacks, as columns beside its own: one score each, alone or once others are in.
+
+use super::score::{Against, Information, Score, log_mean};
+use crate::effects::{AnyEffect, Parameter};
+use crate::model::Model;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// One effect that may be missing.
+#[derive(Debug, Clone)]
+pub struct Family {
+    /// The effect.
+    pub effect: Arc<dyn AnyEffect>,
+    /// Its columns among those of all families.
+    pub columns: Range<usize>,
+    /// Those of one joint (or one parameter) each: real faults often have one place.
+    groups: Vec<Range<usize>>,
+}
+
+/// A family's score, with all its parameters or with those of one place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FamilyScore {
+    /// ‖z‖² of all its directions.
+    pub chi2: f64,
+    /// How many these are.
+    pub dof: usize,
+    /// Trace of the information of typical sizes before the base model takes its share, and after.
+    pub raw: f64,
+    /// After: the sensitivity of the campaign to this family.
+    pub expected: f64,
+    /// Log evidence, nats.
+    pub log_evidence: f64,
+    /// Size beside the typical one at which it is largest.
+    pub scale: f64,
+    /// Probability of as much from noise alone.
+    pub p_value: f64,
+}
+
+impl FamilyScore {
+    /// Sure enough to be named when so many families are tried?
+    pub fn is_sure(&self, alarm: f64, tried: usize) -> bool {
+        self.log_evidence > 0.0 && self.p_value < alarm / tried.max(1) as f64
+    }
+}
+
+impl Family {
+    /// A family whose columns begin at `first`.
+    pub fn new(effect: &Arc<dyn AnyEffect>, model: &Model, first: usize) -> Self {
+        let parameters = effect.parameters(&model.setup);
+        let place = |parameter: &Parameter| {
+            let name = parameter.name.as_str();
+            name.split_once('.').map_or(name, |(joint, _)| joint).to_owned()
+        };
+        let mut groups: Vec<Range<usize>> = Vec::new();
+        for index in 0..parameters.len() {
+            let at = first + index;
+            match groups.last_mut() {
+                Some(last) if place(&parameters[index]) == place(&parameters[index - 1]) => {
+                    last.end = at + 1;
+                }
+                _ => groups.push(at..at + 1),
+            }
+        }
+        Self {
+            effect: effect.clone(),
+            columns: first..first + parameters.len(),
+            groups,
+        }
+    }
+
+    /// Its score.
+    pub fn score(&self, information: &Information, against: &Against) -> FamilyScore {
+        let all = information.score(&self.columns);
+        let p = |score: &Score| against.p_value(score.chi2, score.dof as f64);
+        let (mut p_value, mut log_evidence) = (p(&all), all.log_evidence);
+        if self.groups.len() > 1 {
+            let alone: Vec<Score> = self.groups.iter().map(|g| information.score(g)).collect();
+            let logs: Vec<f64> = alone.iter().map(|score| score.log_evidence).collect();
+            log_evidence = log_mean(&[log_evidence, log_mean(&logs)]);
+            let least = alone.iter().map(p).fold(1.0, f64::min);
+            p_value = (2.0 * p_value.min(least * alone.len() as f64)).min(1.0);
+        }
+        FamilyScore {
+            chi2: all.chi2,
+            dof: all.dof,
+            raw: all.raw,
+            expected: all.expected,
+            log_evidence,
+            scale: all.scale,
+            p_value,
+        }
+    }
+}

@@ -1,0 +1,384 @@
+//! What no effect of the catalogue has to explain: errors of one joint that follow a variable in any way.
+//!
+//! Each pattern is a set of functions `φ(reading)` added to one joint's angle, scored exactly as an effect is: base
+//! model partialled out, evidence with unknown size. Where a pattern explains a campaign better than every effect,
+//! the catalogue does not know the cause, and the pattern says which variable carries it.
+//!
+//! With `B_k` the whitened derivative of a reading by joint `k`, `Q` an orthonormal basis of the base model's columns and
+//! `r` the residual beside them, `Xᵀ M X = Σ φ φᵀ B_kᵀB_k - (Σ φ QᵀB_k)(Σ φ QᵀB_k)ᵀ` and `Xᵀ M r = Σ φ B_kᵀr`.
+
+use super::contrasts::Field;
+use super::score::{Against, Score, log_mean};
+use crate::fit::noise::Whitener;
+use crate::fit::{Fit, pose_key};
+use crate::model::{Rows, Workspace};
+use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Size of a pattern that would not surprise, rad.
+const TYPICAL: f64 = 1e-4;
+/// The same of a compliance across joints, rad/(N·m).
+const COMPLIANCE: f64 = 1e-5;
+/// Widths of local functions of an angle, rad.
+const WIDTHS: [f64; 2] = [0.15, 0.4];
+/// Local functions over a joint's range at most.
+const MOST_BUMPS: usize = 48;
+/// Cycles a turn in each angle of waves in two.
+const WAVES: [f64; 3] = [1.0, 2.0, 3.0];
+/// An error of its own in every pose is tried up to so many poses.
+const MOST_POSES: usize = 64;
+
+/// A pattern and how well it explains the misfit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Pattern {
+    /// Contrast of the design in which it shows.
+    pub class: &'static str,
+    /// What it follows.
+    pub variable: String,
+    /// In words.
+    pub words: String,
+    /// Probability of as much in any pattern of its kind from noise alone.
+    pub p_value: f64,
+    /// Log evidence of its kind against the base model, nats.
+    pub log_evidence: f64,
+}
+
+/// One joint as the readings (or poses) see it.
+struct Seen {
+    name: String,
+    joint: usize,
+    /// `QᵀB_k`, a row each.
+    through: DMatrix<f64>,
+    /// `B_kᵀB_k`.
+    weight: DVector<f64>,
+    /// `B_kᵀr`.
+    pull: DVector<f64>,
+}
+
+impl Seen {
+    /// Scores functions (a column each, by reading or pose) of typical size `size` as errors of this joint.
+    fn score(&self, functions: &DMatrix<f64>, size: f64, variance: f64) -> Score {
+        let through = self.through.tr_mul(functions);
+        let mut weighted = functions.clone();
+        for mut column in weighted.column_iter_mut() {
+            column.component_mul_assign(&self.weight);
+        }
+        let unit = size * size / variance;
+        let raw = functions.tr_mul(&weighted) * unit;
+        let information = &raw - through.tr_mul(&through) * unit;
+        let gradient = functions.tr_mul(&self.pull) * (size / variance);
+        Score::of(information, &gradient, raw.trace())
+    }
+
+    /// Rows of one group added up: functions that are the same over a group need no more.
+    fn grouped(&self, groups: &[usize], count: usize) -> Self {
+        let mut through = DMatrix::zeros(count, self.through.ncols());
+        let (mut weight, mut pull) = (DVector::zeros(count), DVector::zeros(count));
+        for (row, &group) in groups.iter().enumerate() {
+            let mut sum = through.row_mut(group);
+            sum += self.through.row(row);
+            weight[group] += self.weight[row];
+            pull[group] += self.pull[row];
+        }
+        Self {
+            name: self.name.clone(),
+            joint: self.joint,
+            through,
+            weight,
+            pull,
+        }
+    }
+}
+
+/// Scores every kind of pattern; the best of each kind, most evidence first.
+pub fn patterns(
+    field: &Field,
+    fit: &Fit,
+    whiteners: &[Whitener],
+    against: &Against,
+) -> Vec<Pattern> {
+    let (seen, torques) = seen(field, fit, whiteners);
+    let readings = field.readings;
+    let mut place = BTreeMap::new();
+    let groups: Vec<usize> = readings
+        .iter()
+        .map(|reading| {
+            let next = place.len();
+            *place
+                .entry((reading.target, pose_key(reading)))
+                .or_insert(next)
+        })
+        .collect();
+    let poses = place.len();
+    let mut first = vec![0; poses];
+    for (index, &group) in groups.iter().enumerate().rev() {
+        first[group] = index;
+    }
+    let angle = |joint: usize| -> Vec<f64> {
+        first.iter().map(|&i| readings[i].joints[joint]).collect()
+    };
+    let by_pose: Vec<Seen> = seen.iter().map(|s| s.grouped(&groups, poses)).collect();
+    let mut kinds = vec![
+        bumps(&by_pose, angle, against),
+        waves(&by_pose, angle, against),
+        own_torque(&seen, &torques, against),
+        other_torque(&seen, &torques, against),
+    ];
+    if (2..=MOST_POSES).contains(&poses) {
+        kinds.push(each_pose(&by_pose, against));
+    }
+    let column = |of: &dyn Fn(usize) -> Option<f64>| -> Option<Vec<f64>> {
+        let values: Option<Vec<f64>> = (0..readings.len()).map(of).collect();
+        let values = values?;
+        let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let scaled = |x: &f64| 2.0 * (x - low) / (high - low) - 1.0;
+        (high > low).then(|| values.iter().map(scaled).collect())
+    };
+    if let Some(time) = column(&|i| readings[i].time) {
+        let words = "drifts with time";
+        kinds.push(drift(&seen, &time, "time", "time", words, against));
+    }
+    if let Some(warmth) = column(&|i| readings[i].temperature) {
+        let words = "follows the temperature";
+        kinds.push(drift(&seen, &warmth, "time", "temperature", words, against));
+    }
+    if readings.iter().any(|reading| reading.approach.is_some()) {
+        kinds.push(sides(&seen, field, against));
+    }
+    let mut found: Vec<Pattern> = kinds.into_iter().flatten().collect();
+    found.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    found
+}
+
+/// All observed joints as all readings see them, and the torque on each joint by reading.
+fn seen(field: &Field, fit: &Fit, whiteners: &[Whitener]) -> (Vec<Seen>, DMatrix<f64>) {
+    let model = &fit.model;
+    let setup = &model.setup;
+    let joints = setup.robot.joints.len();
+    let rank = field.matrix.ncols() - 1;
+    let n = field.readings.len();
+    let rows: Vec<(DMatrix<f64>, Vec<f64>)> = (0..n)
+        .into_par_iter()
+        .map_init(
+            || (Workspace::new(setup), Rows::zeros(joints)),
+            |(workspace, jacobian), index| {
+                let reading = field.readings[index];
+                workspace.joint_jacobian(model, &fit.values, reading, jacobian);
+                let mut block = DMatrix::zeros(whiteners[index].rows, setup.observed.len());
+                for (place, &joint) in setup.observed.iter().enumerate() {
+                    let rate = jacobian.column(joint).into_owned();
+                    whiteners[index].apply(&rate, &mut |i, value| block[(i, place)] = value);
+                }
+                let torques = workspace.joint_torques(model, &fit.values, reading);
+                (block, torques)
+            },
+        )
+        .collect();
+    let mut all: Vec<Seen> = setup
+        .observed
+        .iter()
+        .map(|&joint| Seen {
+            name: setup.robot.joints[joint].name.clone(),
+            joint,
+            through: DMatrix::zeros(n, rank),
+            weight: DVector::zeros(n),
+            pull: DVector::zeros(n),
+        })
+        .collect();
+    let mut torques = DMatrix::zeros(n, setup.observed.len());
+    for (index, (block, torque)) in rows.iter().enumerate() {
+        let own = field.matrix.rows(field.rows[index], block.nrows());
+        let through = own.tr_mul(block);
+        for (place, seen) in all.iter_mut().enumerate() {
+            for k in 0..rank {
+                seen.through[(index, k)] = through[(k, place)];
+            }
+            seen.pull[index] = through[(rank, place)];
+            seen.weight[index] = block.column(place).norm_squared();
+            torques[(index, place)] = torque[seen.joint];
+        }
+    }
+    (all, torques)
+}
+
+/// One member of a kind: what it follows, in words, and its score.
+type Member = (String, String, Score);
+
+/// The best of a kind, with the evidence of the whole kind.
+fn best(class: &'static str, members: Vec<Member>, against: &Against) -> Option<Pattern> {
+    let logs: Vec<f64> = members.iter().map(|(_, _, s)| s.log_evidence).collect();
+    let count = members.len() as f64;
+    let top = members
+        .into_iter()
+        .filter(|(_, _, score)| score.dof > 0)
+        .max_by(|a, b| a.2.log_evidence.total_cmp(&b.2.log_evidence))?;
+    let (variable, words, score) = top;
+    let p = against.p_value(score.chi2, score.dof as f64);
+    Some(Pattern {
+        class,
+        variable,
+        words,
+        p_value: (p * count).min(1.0),
+        log_evidence: log_mean(&logs),
+    })
+}
+
+/// An error of one joint near some of its own angles.
+fn bumps(
+    seen: &[Seen],
+    angle: impl Fn(usize) -> Vec<f64>,
+    against: &Against,
+) -> Option<Pattern> {
+    let mut members = Vec::new();
+    for seen in seen {
+        let angles = angle(seen.joint);
+        let low = angles.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = angles.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        for width in WIDTHS {
+            let count = (((high - low) / width).ceil() as usize + 1).min(MOST_BUMPS);
+            let step = (high - low) / (count.max(2) - 1) as f64;
+            let functions = DMatrix::from_fn(angles.len(), count, |row, column| {
+                let off = (angles[row] - low - step * column as f64) / step.max(width);
+                (-0.5 * off * off).exp()
+            });
+            let words = format!("an error of {0} near some angles of {0}", seen.name);
+            let score = seen.score(&functions, TYPICAL, against.variance);
+            members.push((seen.name.clone(), words, score));
+        }
+    }
+    best("pose", members, against)
+}
+
+/// An error of one joint that is periodic in the angles of two.
+fn waves(
+    seen: &[Seen],
+    angle: impl Fn(usize) -> Vec<f64> + Sync,
+    against: &Against,
+) -> Option<Pattern> {
+    let mut pairs = Vec::new();
+    for second in 0..seen.len() {
+        for first in 0..second {
+            pairs.push((first, second));
+        }
+    }
+    let members: Vec<Vec<Member>> = pairs
+        .into_par_iter()
+        .map(|(first, second)| {
+            let (a, b) = (angle(seen[first].joint), angle(seen[second].joint));
+            let mut members = Vec::new();
+            for m in WAVES {
+                for n in WAVES.into_iter().flat_map(|n| [n, -n]) {
+                    let functions = DMatrix::from_fn(a.len(), 2, |row, column| {
+                        let (sin, cos) = (m * a[row] + n * b[row]).sin_cos();
+                        if column == 0 { sin } else { cos }
+                    });
+                    for own in seen {
+                        let both = format!("{} and {}", seen[first].name, seen[second].name);
+                        let words = format!(
+                            "an error of {} that goes with {m} × {} {} {} × {}",
+                            own.name,
+                            seen[first].name,
+                            if n > 0.0 { "+" } else { "-" },
+                            n.abs(),
+                            seen[second].name
+                        );
+                        let score = own.score(&functions, TYPICAL, against.variance);
+                        members.push((both, words, score));
+                    }
+                }
+            }
+            members
+        })
+        .collect();
+    best("pose", members.into_iter().flatten().collect(), against)
+}
+
+/// An error of one joint that any pose has for itself.
+fn each_pose(seen: &[Seen], against: &Against) -> Option<Pattern> {
+    let members = seen.iter().map(|seen| {
+        let functions = DMatrix::identity(seen.weight.len(), seen.weight.len());
+        let words = format!("an error of {} that follows no single angle", seen.name);
+        let score = seen.score(&functions, TYPICAL, against.variance);
+        ("posture".to_owned(), words, score)
+    });
+    best("pose", members.collect(), against)
+}
+
+/// How one joint gives under its own torque, beyond a spring.
+fn own_torque(seen: &[Seen], torques: &DMatrix<f64>, against: &Against) -> Option<Pattern> {
+    let members = seen.iter().enumerate().map(|(place, seen)| {
+        let column = torques.column(place);
+        let largest = column.amax().max(1e-12);
+        // saturating earlier and later, odd and even
+        let functions = DMatrix::from_fn(column.len(), 4, |row, kind| {
+            let t = column[row] / largest;
+            match kind {
+                0 => (20.0 * t).tanh(),
+                1 => (5.0 * t).tanh(),
+                2 => t.abs(),
+                _ => t * t * t,
+            }
+        });
+        let words = format!("an error of {0} that follows the torque on {0}", seen.name);
+        let score = seen.score(&functions, TYPICAL, against.variance);
+        (format!("torque on {}", seen.name), words, score)
+    });
+    best("load", members.collect(), against)
+}
+
+/// How one joint gives under another's torque.
+fn other_torque(seen: &[Seen], torques: &DMatrix<f64>, against: &Against) -> Option<Pattern> {
+    let mut members = Vec::new();
+    for (place, bearing) in seen.iter().enumerate() {
+        let functions = torques.columns(place, 1).into_owned();
+        for own in seen.iter().filter(|own| own.joint != bearing.joint) {
+            let words = format!(
+                "an error of {} that follows the torque on {}",
+                own.name, bearing.name
+            );
+            let score = own.score(&functions, COMPLIANCE, against.variance);
+            members.push((format!("torque on {}", bearing.name), words, score));
+        }
+    }
+    best("load", members, against)
+}
+
+/// An error of one joint that follows something that all joints share.
+fn drift(
+    seen: &[Seen],
+    along: &[f64],
+    class: &'static str,
+    variable: &str,
+    words: &str,
+    against: &Against,
+) -> Option<Pattern> {
+    let functions = DMatrix::from_fn(along.len(), 2, |row, kind| along[row].powi(kind as i32 + 1));
+    let members = seen.iter().map(|seen| {
+        let words = format!("an error of {} that {words}", seen.name);
+        let score = seen.score(&functions, TYPICAL, against.variance);
+        (variable.to_owned(), words, score)
+    });
+    best(class, members.collect(), against)
+}
+
+/// An error of one joint that turns with its approach, more at some angles than at others.
+fn sides(seen: &[Seen], field: &Field, against: &Against) -> Option<Pattern> {
+    let members = seen.iter().map(|seen| {
+        let functions = DMatrix::from_fn(field.readings.len(), 3, |row, kind| {
+            let reading = field.readings[row];
+            let approach = reading.approach.as_ref();
+            let side = approach.map_or(0.0, |all| all[seen.joint]);
+            let (sin, cos) = reading.joints[seen.joint].sin_cos();
+            side * [1.0, sin, cos][kind]
+        });
+        let words = format!(
+            "an error of {} that turns with the direction of its approach",
+            seen.name
+        );
+        let score = seen.score(&functions, TYPICAL, against.variance);
+        (format!("approach of {}", seen.name), words, score)
+    });
+    best("direction", members.collect(), against)
+}

@@ -1,0 +1,112 @@
+//! Which effects together: the set with the most evidence in which each one is sure beside the others.
+//!
+//! All on one linearisation: taking an effect in is a step of linear algebra, so that many sets are tried. A set is
+//! refitted and tested before it is believed.
+
+use super::ALARM;
+use super::families::{Family, FamilyScore};
+use super::score::{Against, Information};
+
+/// Sets that are followed further at each size.
+const BEAM: usize = 6;
+
+/// A set of families.
+#[derive(Debug, Clone)]
+pub struct Set {
+    /// Their indices, in the order in which they were taken.
+    pub members: Vec<usize>,
+    /// Log evidence of all together, nats.
+    pub log_evidence: f64,
+    /// What is known of all columns beside them.
+    information: Information,
+}
+
+/// The best set of at most `most` of the families named in `tried`; empty if none is sure.
+pub fn search(
+    families: &[Family],
+    tried: &[usize],
+    information: &Information,
+    against: &Against,
+    most: usize,
+) -> Set {
+    let start = Set {
+        members: Vec::new(),
+        log_evidence: 0.0,
+        information: information.clone(),
+    };
+    let mut best = start.clone();
+    let mut beam = vec![start];
+    for _ in 0..most {
+        let mut next: Vec<(Vec<usize>, f64, usize, FamilyScore)> = Vec::new();
+        for (parent, set) in beam.iter().enumerate() {
+            for &index in tried.iter().filter(|index| !set.members.contains(index)) {
+                let score = families[index].score(&set.information, against);
+                if !score.is_sure(ALARM, tried.len()) {
+                    continue;
+                }
+                let mut members = set.members.clone();
+                members.push(index);
+                let total = set.log_evidence + score.log_evidence;
+                let same = |other: &&mut (Vec<usize>, f64, usize, FamilyScore)| {
+                    members.iter().all(|m| other.0.contains(m))
+                };
+                match next.iter_mut().find(same) {
+                    Some(other) if other.1 >= total => {}
+                    Some(other) => *other = (members, total, parent, score),
+                    None => next.push((members, total, parent, score)),
+                }
+            }
+        }
+        next.sort_by(|a, b| b.1.total_cmp(&a.1));
+        let sets = next.into_iter().map(|(members, total, parent, score)| {
+            let last = &families[members[members.len() - 1]];
+            Set {
+                log_evidence: total,
+                information: beam[parent].information.given(&last.columns, score.scale),
+                members,
+            }
+        });
+        beam = sets
+            .filter(|set| is_minimal(families, tried, set, information, against))
+            .take(BEAM)
+            .collect();
+        let Some(first) = beam.first() else { break };
+        if first.log_evidence > best.log_evidence {
+            best = first.clone();
+        }
+    }
+    best
+}
+
+/// Is every member sure beside the others?
+fn is_minimal(
+    families: &[Family],
+    tried: &[usize],
+    set: &Set,
+    information: &Information,
+    against: &Against,
+) -> bool {
+    set.members.len() < 2
+        || set.members.iter().all(|&member| {
+            let others = beside(families, &set.members, member, information, against);
+            families[member]
+                .score(&others, against)
+                .is_sure(ALARM, tried.len())
+        })
+}
+
+/// What is known beside all members but one.
+pub fn beside(
+    families: &[Family],
+    members: &[usize],
+    without: usize,
+    information: &Information,
+    against: &Against,
+) -> Information {
+    let mut information = information.clone();
+    for &other in members.iter().filter(|&&other| other != without) {
+        let scale = families[other].score(&information, against).scale;
+        information = information.given(&families[other].columns, scale);
+    }
+    information
+}
