@@ -291,7 +291,11 @@ impl Workspace {
         let setup = &model.setup;
         let load = Load::of(setup, reading);
         self.statics.load(setup, &load, &self.deviations);
-        let joints = setup.robot.joints.iter().zip(&self.statics.local_wrench[1..]);
+        let joints = setup
+            .robot
+            .joints
+            .iter()
+            .zip(&self.statics.local_wrench[1..]);
         joints
             .map(|(joint, wrench)| {
                 let along = wrench.fixed_rows::<3>(joint.load_row());

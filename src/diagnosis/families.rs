@@ -37,6 +37,11 @@ pub struct FamilyScore {
 }
 
 impl FamilyScore {
+    /// Signal found, noise's share taken off, σ².
+    pub fn signal(&self) -> f64 {
+        (self.chi2 - self.dof as f64).max(0.0)
+    }
+
     /// Sure enough to be named when so many families are tried?
     pub fn is_sure(&self, alarm: f64, tried: usize) -> bool {
         self.log_evidence > 0.0 && self.p_value < alarm / tried.max(1) as f64
@@ -49,7 +54,9 @@ impl Family {
         let parameters = effect.parameters(&model.setup);
         let place = |parameter: &Parameter| {
             let name = parameter.name.as_str();
-            name.split_once('.').map_or(name, |(joint, _)| joint).to_owned()
+            name.split_once('.')
+                .map_or(name, |(joint, _)| joint)
+                .to_owned()
         };
         let mut groups: Vec<Range<usize>> = Vec::new();
         for index in 0..parameters.len() {

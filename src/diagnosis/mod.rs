@@ -34,8 +34,12 @@ pub const VISIBLE: f64 = 9.0;
 const ALARM: f64 = 1e-3;
 /// Families this near to the best, in nats, are its aliases.
 const NEAR: f64 = 3.0;
-/// A named effect that explains less than this of the excess is not what is missing.
-const ENOUGH: f64 = 0.8;
+/// A named effect that explains less than this of the evidence is not what is missing.
+const ENOUGH: f64 = 0.9;
+/// What is known to imitate an effect does so if it explains this share of its signal.
+const IMITATES: f64 = 0.8;
+/// What is worth less than this share of its worth on poses left out is not the cause.
+const WORTH: f64 = 0.25;
 /// Effects named at most.
 const MOST: usize = 3;
 
@@ -176,31 +180,27 @@ pub fn diagnose(
         evidence += last.first_evidence;
         last = analyse(&campaign, &current);
     }
-    // where the noise is what is left, nobody knows how much is still to be explained
-    let measured = base.noise.source != Source::Residual;
-    let enough = !measured || explained(&base, &current) >= ENOUGH;
     let pattern = |analysis: &Analysis| analysis.patterns.first().map_or(0.0, |p| p.log_evidence);
     let (before, after) = (pattern(&first), pattern(&last).max(0.0));
+    // where the noise is what is left, nobody knows how much is still to be explained
+    let measured = base.noise.source != Source::Residual;
+    let worthless = first.gain.is_some_and(|gain| gain.is_below(WORTH));
     let verdict = if named.is_empty() {
         if first.alarm {
             Verdict::Unknown
         } else {
             Verdict::Nothing
         }
-    } else if measured && before > evidence + after + NEAR {
-        // a pattern that no effect has explains the whole better than all the effects named
-        named.truncate(1);
-        if first.first_evidence >= ENOUGH * before {
+    } else if measured && (worthless || last.alarm || before > evidence + after + NEAR) {
+        // one effect may have another form; that it takes several, and something is still left, is no finding
+        let share = evidence / before.max(evidence + after);
+        if named.len() == 1 && share >= ENOUGH && !worthless {
             Verdict::NamedIncomplete
         } else {
             Verdict::Unknown
         }
     } else if last.alarm {
-        if enough {
-            Verdict::NamedIncomplete
-        } else {
-            Verdict::Unknown
-        }
+        Verdict::NamedIncomplete
     } else if first.near.len() > named.len() {
         Verdict::Alias
     } else {
@@ -234,7 +234,10 @@ pub fn diagnose(
         patterns: first.patterns,
         patterns_left: last.patterns,
         evidence,
-        predicted: first.gain.filter(|_| !first.set.is_empty()).map(|gain| gain.share()),
+        predicted: first
+            .gain
+            .filter(|_| !first.set.is_empty())
+            .map(|gain| gain.share()),
         candidates: first.candidates,
         cannot_see: first.cannot_see,
         base,
@@ -370,7 +373,7 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
         .iter()
         .map(|&index| {
             let score = &scores[index];
-            let signal = (score.chi2 - score.dof as f64).max(0.0);
+            let signal = score.signal();
             Candidate {
                 effect: families[index].effect.id(),
                 log_evidence: score.log_evidence,
@@ -381,14 +384,23 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
         })
         .collect();
     candidates.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
-    let set = search::search(&families, &tried, &information, &against, MOST);
-    let folds = Folds::new(&readings, &rows_of(&whiteners), &blocks);
-    let gain = gain(&folds, &families, &set.members, &scores, base, &against);
-    let near = near(&families, &tried, &set.members, &information, &against);
+    let find = || {
+        let set = search::search(&families, &tried, &information, &against, MOST);
+        let near = near(&families, &tried, &set.members, &information, &against);
+        let folds = Folds::new(&readings, &rows_of(&whiteners), &blocks);
+        let gain = gain(&folds, &families, &set.members, &scores, base, &against);
+        (set, near, gain)
+    };
+    let test = || {
+        let field = field(&readings, &whiteners, &blocks, &gram, base);
+        let contrasts = contrasts::contrasts(&field, &against);
+        (
+            contrasts,
+            patterns::patterns(&field, fit, &whiteners, &against),
+        )
+    };
+    let ((set, near, gain), (contrasts, patterns)) = rayon::join(find, test);
     let ids = |members: &[usize]| members.iter().map(|&m| families[m].effect.id()).collect();
-    let field = field(&readings, &whiteners, &blocks, &gram, base);
-    let contrasts = contrasts::contrasts(&field, &against);
-    let patterns = patterns::patterns(&field, fit, &whiteners, &against);
     let lack_of_fit = match fit.noise.source {
         // measured against itself nothing is left over
         Source::Residual => 1.0,
@@ -467,11 +479,13 @@ fn near(
     let mut all = members.to_vec();
     for &member in members {
         let beside = search::beside(families, members, member, information, against);
-        let own = families[member].score(&beside, against).log_evidence;
+        let own = families[member].score(&beside, against);
         let known = families[member].effect.aliases();
         for &other in tried.iter().filter(|other| !members.contains(other)) {
             let score = families[other].score(&beside, against);
-            let close = score.log_evidence > own - NEAR || known.contains(&families[other].effect.id());
+            let close = score.log_evidence > own.log_evidence - NEAR
+                || (known.contains(&families[other].effect.id())
+                    && score.signal() > IMITATES * own.signal());
             if close && score.is_sure(ALARM, tried.len()) && !all.contains(&other) {
                 all.push(other);
             }

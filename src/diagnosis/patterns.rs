@@ -59,7 +59,7 @@ struct Seen {
 impl Seen {
     /// Scores functions (a column each, by reading or pose) of typical size `size` as errors of this joint.
     fn score(&self, functions: &DMatrix<f64>, size: f64, variance: f64) -> Score {
-        let through = self.through.tr_mul(functions);
+        let through = self.through.transpose() * functions;
         let mut weighted = functions.clone();
         for mut column in weighted.column_iter_mut() {
             column.component_mul_assign(&self.weight);
@@ -115,9 +115,8 @@ pub fn patterns(
     for (index, &group) in groups.iter().enumerate().rev() {
         first[group] = index;
     }
-    let angle = |joint: usize| -> Vec<f64> {
-        first.iter().map(|&i| readings[i].joints[joint]).collect()
-    };
+    let angle =
+        |joint: usize| -> Vec<f64> { first.iter().map(|&i| readings[i].joints[joint]).collect() };
     let by_pose: Vec<Seen> = seen.iter().map(|s| s.grouped(&groups, poses)).collect();
     let mut kinds = vec![
         bumps(&by_pose, angle, against),
@@ -190,7 +189,7 @@ fn seen(field: &Field, fit: &Fit, whiteners: &[Whitener]) -> (Vec<Seen>, DMatrix
     let mut torques = DMatrix::zeros(n, setup.observed.len());
     for (index, (block, torque)) in rows.iter().enumerate() {
         let own = field.matrix.rows(field.rows[index], block.nrows());
-        let through = own.tr_mul(block);
+        let through = own.transpose() * block;
         for (place, seen) in all.iter_mut().enumerate() {
             for k in 0..rank {
                 seen.through[(index, k)] = through[(k, place)];
@@ -226,11 +225,7 @@ fn best(class: &'static str, members: Vec<Member>, against: &Against) -> Option<
 }
 
 /// An error of one joint near some of its own angles.
-fn bumps(
-    seen: &[Seen],
-    angle: impl Fn(usize) -> Vec<f64>,
-    against: &Against,
-) -> Option<Pattern> {
+fn bumps(seen: &[Seen], angle: impl Fn(usize) -> Vec<f64>, against: &Against) -> Option<Pattern> {
     let mut members = Vec::new();
     for seen in seen {
         let angles = angle(seen.joint);

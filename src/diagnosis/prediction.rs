@@ -34,6 +34,12 @@ impl Gain {
     pub fn share(&self) -> f64 {
         self.left_out / self.fitted.max(1e-12)
     }
+
+    /// Is the worth on poses left out below this share, two standard deviations sure?
+    pub fn is_below(&self, share: f64) -> bool {
+        let spread = 2.0 * self.fitted.max(0.0).sqrt();
+        self.left_out + 2.0 * spread < share * self.fitted
+    }
 }
 
 impl Folds {
@@ -60,7 +66,9 @@ impl Folds {
             }
             first += block.nrows();
         }
-        let total = parts.iter().fold(DMatrix::zeros(n, n), |sum, part| sum + part);
+        let total = parts
+            .iter()
+            .fold(DMatrix::zeros(n, n), |sum, part| sum + part);
         Self { total, parts }
     }
 
@@ -71,7 +79,10 @@ impl Folds {
         with: &[(usize, f64)],
         variance: f64,
     ) -> Option<Gain> {
-        let (before, after) = (self.errors(without, variance)?, self.errors(with, variance)?);
+        let (before, after) = (
+            self.errors(without, variance)?,
+            self.errors(with, variance)?,
+        );
         Some(Gain {
             fitted: before.fitted - after.fitted,
             left_out: before.left_out - after.left_out,
@@ -95,9 +106,10 @@ impl Folds {
             }
             normal.cholesky()
         };
-        let error = |normal: &DMatrix<f64>, right: &DVector<f64>, square: f64, step: &DVector<f64>| {
-            square - 2.0 * step.dot(right) + step.dot(&(normal * step))
-        };
+        let error =
+            |normal: &DMatrix<f64>, right: &DVector<f64>, square: f64, step: &DVector<f64>| {
+                square - 2.0 * step.dot(right) + step.dot(&(normal * step))
+            };
         let all = solve(&total)?;
         let step = all.solve(&right);
         // a step fitted to its own noise takes 2 tr H - tr H² of it away

@@ -52,7 +52,9 @@ impl Gram {
     pub fn new(blocks: &[DMatrix<f64>], base: usize) -> Self {
         use rayon::prelude::*;
         let n = blocks.first().map_or(base + 1, DMatrix::ncols);
-        let parts: Vec<DMatrix<f64>> = blocks.par_iter().map(|block| block.tr_mul(block)).collect();
+        // a product by blocks: several times as fast as one by dot products
+        let square = |block: &DMatrix<f64>| block.transpose() * block;
+        let parts: Vec<DMatrix<f64>> = blocks.par_iter().map(square).collect();
         let mut matrix = DMatrix::zeros(n, n);
         // in order, so that the sum does not depend on threads
         for part in parts {
@@ -116,7 +118,10 @@ impl Gram {
         let r = self.matrix.ncols() - 1;
         let all = self.base..r;
         Information {
-            raw: all.clone().map(|k| self.matrix[(k, k)] / variance).collect(),
+            raw: all
+                .clone()
+                .map(|k| self.matrix[(k, k)] / variance)
+                .collect(),
             gradient: self.partial(all.clone(), r..r + 1).column(0) / variance,
             matrix: self.partial(all.clone(), all) / variance,
         }
@@ -159,9 +164,10 @@ impl Information {
         };
         let across = self.matrix.rows(columns.start, n).into_owned();
         let gradient = self.gradient.rows(columns.start, n).into_owned();
+        let back = across.transpose();
         Self {
-            matrix: &self.matrix - across.tr_mul(&factor.solve(&across)),
-            gradient: &self.gradient - across.tr_mul(&factor.solve(&gradient)),
+            matrix: &self.matrix - &back * factor.solve(&across),
+            gradient: &self.gradient - back * factor.solve(&gradient),
             raw: self.raw.clone(),
         }
     }

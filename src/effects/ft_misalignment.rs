@@ -8,7 +8,10 @@
 //! In proportion to the load and across it, in the wrist sensor only.
 //!
 //! ## Confused with
-//! `gravity_direction` in one posture of the wrist: that one keeps its direction in space, this one turns with the flange.
+//! `payload_com`, exactly, as long as all loads have one centre `c` and the geometry is free: with
+//! `r × (c × f) = c × (r × f) + (r × c) × f` a turned sensor is a turned flange, which target and geometry absorb, and a
+//! centre that is off by `r × c`. Loads with different centres tell them apart. `gravity_direction` in one posture of
+//! the wrist: that one keeps its direction in space, this one turns with the flange.
 //!
 //! ## Plant
 //! The instrument layer expresses MuJoCo's wrench in a frame turned by the whole rotation.
@@ -34,6 +37,7 @@ impl Effect for FtMisalignment {
     const ID: &'static str = "ft_misalignment";
     const STAGE: Stage = Stage::Sensor;
     const NEEDS: &'static [Need] = &[Need::WrenchBesidePayload];
+    const ALIASES: &'static [&'static str] = &["payload_com"];
 
     fn parameters(&self, _: &Setup) -> Vec<Parameter> {
         ["rx", "ry", "rz"]

@@ -8,7 +8,7 @@
 //!
 //! ## Confused with
 //! The first harmonic of `transmission_error`: over a limited range of the joint it takes up 85 % of this effect, so
-//! the joint has to be used over its whole range. A scale is no offset: `geometry` absorbs little of it.
+//! the joint has to be used over its whole range. The linear part of a `gravity_compensator`, exactly. A scale is no offset: `geometry` absorbs little of it.
 //!
 //! ## Plant
 //! The command is scaled before the joint's spring is set to rest there.
@@ -32,6 +32,7 @@ pub struct GearRatio {}
 impl Effect for GearRatio {
     const ID: &'static str = "gear_ratio";
     const STAGE: Stage = Stage::Rigid;
+    const ALIASES: &'static [&'static str] = &["gravity_compensator"];
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
         by_joint(setup, ("rad/rad", 5e-5), ("m/m", 5e-5))

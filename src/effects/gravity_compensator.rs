@@ -9,7 +9,7 @@
 //! A deflection by the joint's own angle alone, without a load too; through the joint's spring only.
 //!
 //! ## Confused with
-//! `transmission_error` of the same joint (the same shape, but without the joint's compliance and with nothing to tell them
+//! `transmission_error` and `gear_ratio` of the same joint (sine, cosine and slope have the same shape, but without the joint's compliance and with nothing to tell them
 //! apart unless loads move the joint far), `joint_hardening`. Motor currents settle it. A sweep of the joint helps.
 //!
 //! ## Plant
@@ -54,6 +54,7 @@ impl GravityCompensator {
 impl Effect for GravityCompensator {
     const ID: &'static str = "gravity_compensator";
     const STAGE: Stage = Stage::Load;
+    const ALIASES: &'static [&'static str] = &["transmission_error", "gear_ratio"];
 
     fn check(&self, setup: &Setup) -> Result<(), String> {
         let known: Vec<&str> = turning(setup)

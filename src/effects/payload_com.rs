@@ -7,7 +7,8 @@
 //! Torques in proportion to the load that turn with the flange; in a wrist sensor, torque without force.
 //!
 //! ## Confused with
-//! `ft_gain` (49 %) and the torque part of `ft_bias`, if the flange is not turned about. A centre on the last joint's axis
+//! `ft_misalignment`, exactly across the line to the centre, as long as all loads have one centre; `ft_gain` (49 %) and
+//! the torque part of `ft_bias`, if the flange is not turned about. A centre on the last joint's axis
 //! is as good as none to that joint.
 //!
 //! ## Plant
@@ -35,6 +36,7 @@ impl Effect for PayloadCom {
     const ID: &'static str = "payload_com";
     const STAGE: Stage = Stage::Load;
     const NEEDS: &'static [Need] = &[Need::Payload];
+    const ALIASES: &'static [&'static str] = &["ft_misalignment"];
 
     fn parameters(&self, _: &Setup) -> Vec<Parameter> {
         ["x", "y", "z"]

@@ -7,7 +7,7 @@
 //! Periodic in the joint's own angle, whatever the load, direction or time.
 //!
 //! ## Confused with
-//! `geometry`, which takes up 50 to 63 % of it (an eccentric axis looks alike), and `gear_ratio` over a limited range.
+//! The first harmonic of one joint: a `gravity_compensator`, exactly. `geometry`, which takes up 50 to 63 % of it (an eccentric axis looks alike), and `gear_ratio` over a limited range.
 //! Eight and more distinct angles over the joint's whole range tell them apart.
 //!
 //! ## Plant
@@ -34,6 +34,7 @@ const TERMS: [&str; 4] = ["sin1", "cos1", "sin2", "cos2"];
 impl Effect for TransmissionError {
     const ID: &'static str = "transmission_error";
     const STAGE: Stage = Stage::Rigid;
+    const ALIASES: &'static [&'static str] = &["gravity_compensator"];
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
         let of_joint = |joint: usize| {

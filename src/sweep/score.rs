@@ -181,7 +181,9 @@ pub fn judge(case: &Case, found: &Diagnosis) -> Outcome {
         Verdict::Unknown => Outcome::Unknown,
         Verdict::Named if same => Outcome::Right,
         Verdict::NamedIncomplete if same => Outcome::Incomplete,
-        Verdict::Alias if !hidden.is_empty() && hidden.iter().all(|id| found.effects.contains(id)) => {
+        Verdict::Alias
+            if !hidden.is_empty() && hidden.iter().all(|id| found.effects.contains(id)) =>
+        {
             // no more in the set than what imitates a hidden one exactly
             let imitates = |id: &&str| {
                 let mut aliases = hidden.iter().filter_map(|id| crate::effects::find(id));
