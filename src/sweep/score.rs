@@ -190,7 +190,7 @@ pub fn judge(case: &Case, found: &Diagnosis) -> Outcome {
                 aliases.any(|entry| entry.aliases.contains(id))
             };
             let mut others = found.effects.iter().filter(|id| !hidden.contains(id));
-            if others.all(|id| imitates(&id)) {
+            if others.all(|id| imitates(id)) {
                 Outcome::Right
             } else {
                 Outcome::InSet
