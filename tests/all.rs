@@ -10,6 +10,7 @@ mod dual_quaternion;
 mod effects;
 mod equilibrium;
 mod fit;
+mod formula;
 mod house;
 mod kinematics;
 mod plant;
