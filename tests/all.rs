@@ -9,6 +9,7 @@ mod diagnosis;
 mod dual_quaternion;
 mod effects;
 mod equilibrium;
+mod expression;
 mod fit;
 mod formula;
 mod house;

@@ -95,12 +95,24 @@ fn errors_point_at_the_place() {
         ("1e999", "1e999 is no number", Some('1')),
         ("1e + 2", "\"e\" right behind a number", Some('e')),
         (". + 1", ". is no number", Some('.')),
-        ("1 + sine(q3)", "no function is called \"sine\"; known: sin, cos", Some('s')),
+        (
+            "1 + sine(q3)",
+            "no function is called \"sine\"; known: sin, cos",
+            Some('s'),
+        ),
         ("1 + a(q3)", "a product is written a*(…)", Some('a')),
         ("1 + sin", "sin is a function", Some('s')),
         ("2*log(q3)", "accepted: ln(x)", Some('l')),
-        ("1 + atan2(a)", "atan2 with 1 argument; accepted: 2", Some('a')),
-        ("1 + sin(a, b)", "sin with 2 arguments; accepted: 1", Some('s')),
+        (
+            "1 + atan2(a)",
+            "atan2 with 1 argument; accepted: 2",
+            Some('a'),
+        ),
+        (
+            "1 + sin(a, b)",
+            "sin with 2 arguments; accepted: 1",
+            Some('s'),
+        ),
         ("1 + sin()", "sin with 0 arguments; accepted: 1", Some('s')),
         ("1 + sin(a", "where ) closes sin(", None),
         ("min(a, )", "\")\"; accepted here", Some(')')),
@@ -130,9 +142,15 @@ fn too_long_and_too_deep_are_refused_not_a_crash() {
     let fits = "a+".repeat(LONGEST / 2 - 1) + "a";
     assert_eq!(Formula::parse(&fits).unwrap().value(&[1.0]), 500.0);
     let (message, _) = refused(&("a+".repeat(LONGEST) + "a"));
-    assert!(message.contains("2001 bytes long; accepted: up to 1000"), "{message}");
+    assert!(
+        message.contains("2001 bytes long; accepted: up to 1000"),
+        "{message}"
+    );
     let nested = |n: usize| "(".repeat(n) + "a" + &")".repeat(n);
-    assert_eq!(Formula::parse(&nested(DEEPEST - 1)).unwrap().value(&[2.0]), 2.0);
+    assert_eq!(
+        Formula::parse(&nested(DEEPEST - 1)).unwrap().value(&[2.0]),
+        2.0
+    );
     let deep = [
         nested(DEEPEST),
         "-".repeat(900) + "a",
@@ -268,19 +286,25 @@ fn tree() -> impl Strategy<Value = Tree> {
     ];
     leaf.prop_recursive(5, 24, 2, |inner| {
         let one = prop::sample::select(vec![
-            "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "ln", "sqrt",
-            "abs", "sign",
+            "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "ln",
+            "sqrt", "abs", "sign",
         ]);
         let two = prop::sample::select(vec!["atan2", "min", "max"]);
         let operator = prop::sample::select(vec!['+', '-', '*', '/']);
         let power = prop::sample::select(vec![-2.0, -1.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0]);
         prop_oneof![
             inner.clone().prop_map(|x| Tree::Minus(Box::new(x))),
-            (operator, inner.clone(), inner.clone())
-                .prop_map(|(o, x, y)| Tree::Binary(o, Box::new(x), Box::new(y))),
+            (operator, inner.clone(), inner.clone()).prop_map(|(o, x, y)| Tree::Binary(
+                o,
+                Box::new(x),
+                Box::new(y)
+            )),
             (inner.clone(), power).prop_map(|(x, power)| Tree::Power(Box::new(x), power)),
-            (inner.clone(), 0..NAMES.len())
-                .prop_map(|(x, k)| Tree::Binary('^', Box::new(x), Box::new(Tree::Name(k)))),
+            (inner.clone(), 0..NAMES.len()).prop_map(|(x, k)| Tree::Binary(
+                '^',
+                Box::new(x),
+                Box::new(Tree::Name(k))
+            )),
             (one, inner.clone()).prop_map(|(name, x)| Tree::Call(name, vec![x])),
             (two, inner.clone(), inner).prop_map(|(name, x, y)| Tree::Call(name, vec![x, y])),
         ]
@@ -438,7 +462,13 @@ fn slopes_hold_where_dual_numbers_have_traps() {
     let (value, rate) = slope("tanh(x)", &[2.0], 0);
     assert!((value - 2f64.tanh()).abs() < 1e-15);
     assert!((rate - (1.0 - 2f64.tanh().powi(2))).abs() < 1e-15);
-    for (y, x) in [(2.0, 0.0), (-2.0, 0.0), (0.0, -2.0), (1.0, -3.0), (-3.0, -1.0)] {
+    for (y, x) in [
+        (2.0, 0.0),
+        (-2.0, 0.0),
+        (0.0, -2.0),
+        (1.0, -3.0),
+        (-3.0, -1.0),
+    ] {
         let square: f64 = x * x + y * y;
         let (value, by_y) = slope("atan2(y, x)", &[y, x], 0);
         let (_, by_x) = slope("atan2(y, x)", &[y, x], 1);

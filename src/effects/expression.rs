@@ -38,9 +38,9 @@
 //! command's change or the joint's wind-up, on frames as the motion of a hinge or slide without spring behind the joint.
 //!
 //! ## Sources
-//! The user's own.
+//! The user's own; formulas are read as in Pratt 1973, *Top down operator precedence*, POPL.
 
-use super::{DIRECTIONS, Dual, Effect, Need, Parameter, Stage, rates, seeded};
+use super::{Dual, Effect, Need, Parameter, Stage, rates, seeded};
 use crate::dual_quaternion::{Scalar, constant};
 use crate::formula::{Formula, Name, is_reserved, is_word};
 use crate::plant::{Command, PlantError, PlantSpec};
@@ -415,12 +415,11 @@ impl Expression {
         let mut sloped = vec![false; self.parameters.len()];
         for posture in 0..POSTURES {
             let numbers = at(posture);
-            for first in (0..self.parameters.len()).step_by(DIRECTIONS) {
+            // one at a time: a slope that is no number would spoil those beside it
+            for (parameter, sloped) in sloped.iter_mut().enumerate() {
                 let seeds = self.sources.iter().zip(&numbers);
                 let values = seeds.map(|(source, &number)| match *source {
-                    Source::Parameter(k) if (first..first + DIRECTIONS).contains(&k) => {
-                        seeded(0.0, k - first)
-                    }
+                    Source::Parameter(k) if k == parameter => seeded(0.0, 0),
                     _ => constant(number),
                 });
                 let value: Dual = self.law.evaluate(&values.collect::<Vec<_>>());
@@ -445,10 +444,7 @@ impl Expression {
                     ));
                 }
                 tried += 1;
-                let slopes = rates(&value);
-                for (k, sloped) in sloped.iter_mut().skip(first).take(DIRECTIONS).enumerate() {
-                    *sloped |= slopes.is_none_or(|slopes| slopes[k].is_finite());
-                }
+                *sloped |= rates(&value).is_none_or(|slopes| slopes[0].is_finite());
             }
         }
         if tried == 0 {
