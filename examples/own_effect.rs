@@ -62,7 +62,7 @@ fn main() -> anyhow::Result<()> {
     // the hidden truth: the hose in the place of the scenario's gear error
     let hose: Arc<dyn AnyEffect> = Arc::new(Hose);
     let size = |name: &str| match name {
-        "r1_e" => 4e-4,
+        "r1_e" => 6e-4,
         _ => 0.0,
     };
     let parameters = hose.parameters(&scenario.setup).into_iter();

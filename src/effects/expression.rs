@@ -81,8 +81,8 @@ struct Options {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ParameterOptions {
-    unit: String,
-    typical: f64,
+    unit: Option<String>,
+    typical: Option<f64>,
 }
 
 /// What a law moves.
@@ -257,6 +257,12 @@ fn parameters_of(
                 law.text.escape_debug()
             ));
         }
+        let (Some(unit), Some(typical)) = (unit, typical) else {
+            return Err(format!(
+                "the parameter {name} lacks unit or typical size; accepted: {name} = {{ unit = \"rad\", typical = \
+                 1e-4 }}"
+            ));
+        };
         if !(typical.is_finite() && typical > 0.0) {
             return Err(format!(
                 "typical size of {name} is {typical}; accepted: a number above 0"
@@ -371,7 +377,15 @@ impl Expression {
             Source::Approach(joint) => of_joint(joint, &|joint| {
                 said(Need::Approach, posture.approach(joint))
             }),
-            Source::Temperature => said(Need::Temperature, posture.temperature(moved + 1)),
+            Source::Temperature => {
+                let reading = posture.reading;
+                let mut links = reading.link_temperatures.iter();
+                let own = links.any(|(link, _)| setup.robot.links[*link].body == moved + 1);
+                match own || reading.temperature.is_some() {
+                    true => posture.temperature(moved + 1),
+                    false => constant(f64::NAN),
+                }
+            }
             Source::Time => said(Need::Time, posture.time()),
             Source::Payload => {
                 constant(posture.reading.payload.map_or(0.0, |payload| payload.mass))
@@ -436,11 +450,11 @@ impl Expression {
                         true => String::new(),
                         false => format!(" at {}", shown.join(", ")),
                     };
+                    let rounded: f64 = format!("{:.3e}", value.re).parse().unwrap_or(value.re);
                     return Err(format!(
-                        "with all parameters at zero the law \"{}\" is {:.3e}{place}; accepted: laws that are zero \
-                         then",
-                        self.law.text.escape_debug(),
-                        value.re
+                        "with all parameters at zero the law \"{}\" is {rounded}{place}; accepted: laws that are \
+                         zero then",
+                        self.law.text.escape_debug()
                     ));
                 }
                 tried += 1;

@@ -272,7 +272,10 @@ fn no_number(campaign: &Campaign, model: &Model, p: &[f64], slopes: bool) -> Opt
         let needs = model.term(id).map_or(&[][..], |term| term.effect.needs());
         let lacking = needs.iter().find(|need| !need.is_said(reading));
         let why = lacking.map_or_else(
-            || "accepted: laws that have both at every reading, from these start values".to_owned(),
+            || {
+                "accepted: laws that have both at every reading, from their start values on"
+                    .to_owned()
+            },
             |need| format!("it {}", need.sentence()),
         );
         Some(FitError::NoNumber {
@@ -299,7 +302,7 @@ fn without_equilibrium(campaign: &Campaign, found: &mut Fit) {
     }
     let why = match no_number(campaign, &found.model, &found.values, false) {
         Some(FitError::NoNumber { line, effect, .. }) => {
-            format!("the law of {effect} yields no number at some of them, line {line} the first")
+            format!("the law of {effect} has no value at some of them, line {line} the first")
         }
         _ => {
             "the model has no loaded equilibrium at some of them: the arm collapses under its load"
