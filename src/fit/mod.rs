@@ -61,9 +61,7 @@ pub enum FitError {
         line: usize,
     },
     /// An effect's law has no value, or no slope, at a reading.
-    #[error(
-        "{campaign}: line {line}: the law of {effect} yields no number here, or no slope: {why}"
-    )]
+    #[error("{campaign}: line {line}: the law of {effect} has no value or no slope here; {why}")]
     NoNumber {
         /// Campaign file.
         campaign: String,
