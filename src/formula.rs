@@ -490,7 +490,7 @@ impl Parser<'_> {
 
     fn number(&mut self) -> Result<(), FormulaError> {
         let at = self.at;
-        let rest = self.text[at..].as_bytes();
+        let rest = &self.text.as_bytes()[at..];
         let digit = |k: usize| rest.get(k).is_some_and(u8::is_ascii_digit);
         let mut end = 0;
         while digit(end) || rest.get(end) == Some(&b'.') {

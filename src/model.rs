@@ -289,7 +289,7 @@ impl Workspace {
         }
     }
 
-    /// The first effect whose law yields no number at a reading, or has no slope there by its parameters or by
+    /// The first effect whose law has no value at a reading, or has no slope there by its parameters or by
     /// what it bears; the arm hangs under its load as if no elastic effect gave way.
     pub fn lost<'a>(&mut self, model: &'a Model, p: &[f64], reading: &Reading) -> Option<&'a str> {
         let setup = &model.setup;

@@ -195,49 +195,57 @@ pub fn effect(id: &str) -> Arc<dyn AnyEffect> {
     })
 }
 
-/// Laws of a user's own that keep the contract like the catalogue: name, what they act on, law, parameters with unit and
-/// typical size. `{k}` is the k-th joint that readings can depend on, counted from 0.
-pub const LAWS: [(&str, &str, &str, &[(&str, &str, f64)]); 5] = [
-    (
-        "own_angle",
-        "q{2}",
-        "a*sin(q{1}) + b*q{3}*time/1000 + c*temperature*approach{2}",
-        &[("a", "rad", 1e-4), ("b", "1/s", 1e-4), ("c", "rad/K", 1e-5)],
-    ),
-    (
-        "own_torque",
-        "q{2}",
-        "c*tau{2} + k*tanh(tau{2}/200)",
-        &[("c", "rad/(N·m)", 1e-6), ("k", "rad", 1e-4)],
-    ),
+/// A law of a user's own; `{k}` in it is the k-th joint that readings can depend on, counted from 0.
+pub struct Law {
+    pub name: &'static str,
+    acts_on: &'static str,
+    law: &'static str,
+    /// Name, unit, typical size.
+    parameters: &'static [(&'static str, &'static str, f64)],
+}
+
+/// Laws that keep the contract like the catalogue.
+pub const LAWS: [Law; 5] = [
+    Law {
+        name: "own_angle",
+        acts_on: "q{2}",
+        law: "a*sin(q{1}) + b*q{3}*time/1000 + c*temperature*approach{2}",
+        parameters: &[("a", "rad", 1e-4), ("b", "1/s", 1e-4), ("c", "rad/K", 1e-5)],
+    },
+    Law {
+        name: "own_torque",
+        acts_on: "q{2}",
+        law: "c*tau{2} + k*tanh(tau{2}/200)",
+        parameters: &[("c", "rad/(N·m)", 1e-6), ("k", "rad", 1e-4)],
+    },
     // the torque of other joints
-    (
-        "own_distant",
-        "q{3}",
-        "c*tau{1} + d*tau{3}*q{0} + m*payload",
-        &[
+    Law {
+        name: "own_distant",
+        acts_on: "q{3}",
+        law: "c*tau{1} + d*tau{3}*q{0} + m*payload",
+        parameters: &[
             ("c", "rad/(N·m)", 1e-6),
             ("d", "1/(N·m)", 1e-6),
             ("m", "rad/kg", 1e-5),
         ],
-    ),
-    (
-        "own_tilt",
-        "rx{1}",
-        "a*cos(q{3}) + b*q{1}^2 - a",
-        &[("a", "rad", 1e-4), ("b", "1/rad", 1e-4)],
-    ),
-    (
-        "own_shift",
-        "ty{1}",
-        "c*tau{2}*abs(tau{2})/100 + d*tau{1}",
-        &[("c", "m/(N·m)", 2e-7), ("d", "m/(N·m)", 2e-7)],
-    ),
+    },
+    Law {
+        name: "own_tilt",
+        acts_on: "rx{1}",
+        law: "a*cos(q{3}) + b*q{1}^2 - a",
+        parameters: &[("a", "rad", 1e-4), ("b", "1/rad", 1e-4)],
+    },
+    Law {
+        name: "own_shift",
+        acts_on: "ty{1}",
+        law: "c*tau{2}*abs(tau{2})/100 + d*tau{1}",
+        parameters: &[("c", "m/(N·m)", 2e-7), ("d", "m/(N·m)", 2e-7)],
+    },
 ];
 
 /// One of [`LAWS`] for a robot.
 pub fn law(setup: &Setup, name: &str) -> Arc<dyn AnyEffect> {
-    let (name, acts_on, law, parameters) = LAWS.iter().find(|law| law.0 == name).unwrap();
+    let found = LAWS.iter().find(|law| law.name == name).unwrap();
     let named = |text: &str| {
         let mut text = text.to_owned();
         for (k, &joint) in setup.observed.iter().enumerate() {
@@ -249,8 +257,8 @@ pub fn law(setup: &Setup, name: &str) -> Arc<dyn AnyEffect> {
     let size = |&(name, unit, typical): &(&str, &str, f64)| {
         format!("{name} = {{ unit = \"{unit}\", typical = {typical} }}")
     };
-    let parameters: Vec<String> = parameters.iter().map(size).collect();
-    let (acts_on, law) = (named(acts_on), named(law));
+    let parameters: Vec<String> = found.parameters.iter().map(size).collect();
+    let (acts_on, law) = (named(found.acts_on), named(found.law));
     expression(
         setup,
         &format!(
@@ -274,7 +282,7 @@ pub fn expression(setup: &Setup, keys: &str) -> Arc<dyn AnyEffect> {
 
 /// An effect of the catalogue, or one of [`LAWS`].
 pub fn effect_on(setup: &Setup, id: &str) -> Arc<dyn AnyEffect> {
-    if LAWS.iter().any(|law| law.0 == id) {
+    if LAWS.iter().any(|law| law.name == id) {
         law(setup, id)
     } else {
         effect(id)

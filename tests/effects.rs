@@ -40,7 +40,7 @@ const OWN: &str = "expression";
 
 fn cases() -> impl Iterator<Item = Case> {
     let catalogue = CATALOGUE.iter().map(|entry| entry.id);
-    let laws = LAWS.iter().map(|law| law.0);
+    let laws = LAWS.iter().map(|law| law.name);
     let all = catalogue.filter(|id| *id != OWN).chain(laws);
     all.map(|id| Case { id })
 }
@@ -538,9 +538,9 @@ fn pages_are_complete() {
             );
         }
         let own = entry.id == OWN;
-        let example = effect_on(&six_axis(), if own { LAWS[0].0 } else { entry.id });
+        let example = effect_on(&six_axis(), if own { LAWS[0].name } else { entry.id });
         assert_eq!(example.kind(), entry.id);
-        assert_eq!(example.id(), if own { LAWS[0].0 } else { entry.id });
+        assert_eq!(example.id(), if own { LAWS[0].name } else { entry.id });
         assert_eq!(example.stage(), entry.stage);
         for alias in entry.aliases {
             let other = misfit::effects::find(alias).unwrap();

@@ -260,7 +260,7 @@ pub fn fit(
     Ok(found)
 }
 
-/// The first reading at which an effect's law yields no number; with `slopes` also where only its slope is none.
+/// The first reading at which an effect's law has no value; with `slopes` also where only its slope is none.
 fn no_number(campaign: &Campaign, model: &Model, p: &[f64], slopes: bool) -> Option<FitError> {
     let find = |workspace: &mut Workspace, reading: &Reading| {
         if !slopes && workspace.predict(model, p, reading).settled {
