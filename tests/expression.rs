@@ -163,11 +163,11 @@ fn a_soft_arm_is_solved_by_newtons_method() {
     let parts = [
         Part {
             effect: effect("joint_compliance"),
-            values: vec![0.0, 2e-5, 2e-5, 1e-4, 1e-4, 1e-4],
+            values: vec![0.0, 4e-5, 6e-5, 3e-4, 3e-4, 3e-4],
         },
         Part {
             effect: law,
-            values: vec![3e-5, 1e-2],
+            values: vec![5e-5, 1e-2],
         },
     ];
     let mut twins = Twins::new(&setup, &parts);
