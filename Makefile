@@ -3,15 +3,15 @@
 # Each step below can be run by its own name; CI runs `make test`.
 
 MISFIT    = target/release/misfit
-SCENARIOS = springs noise_free paper efficiency hidden
+SCENARIOS = springs noise_free paper efficiency hidden hose
 
-.PHONY: run test setup build format lint unit scenarios doc bench
+.PHONY: run test setup build format lint unit examples scenarios doc bench
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
 
-test: setup format lint unit doc scenarios
-	@echo "all tests, lints and scenarios passed"
+test: setup format lint unit doc examples scenarios
+	@echo "all tests, lints, examples and scenarios passed"
 
 # MuJoCo from Debian, or another copy through MUJOCO_DIR.
 setup:
@@ -31,6 +31,9 @@ unit: setup
 
 doc: setup
 	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps
+
+examples: setup
+	cargo run --release --locked --example own_effect
 
 scenarios: build
 	@set -e; for name in $(SCENARIOS); do $(MISFIT) run scenarios/$$name.toml; echo; done

@@ -75,7 +75,7 @@ pub fn climb(
     let last = diagnosis::diagnose(campaign, &default, options, &mut on_step)?;
     // the diagnosis may name several: one rung each
     let mut model = default;
-    for (place, &effect) in last.named.iter().enumerate() {
+    for (place, effect) in last.named.iter().enumerate() {
         let Some(made) =
             crate::effects::find(effect).and_then(|entry| entry.make(toml::Table::new()).ok())
         else {

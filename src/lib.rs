@@ -7,6 +7,7 @@ pub mod diagnosis;
 pub mod dual_quaternion;
 pub mod effects;
 pub mod fit;
+pub mod formula;
 pub mod ladder;
 pub mod model;
 pub mod model_file;

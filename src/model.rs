@@ -10,7 +10,7 @@
 
 use crate::campaign::{Campaign, Frame, Reading};
 use crate::dual_quaternion::{DualQuaternion, constant, rotation_vector};
-use crate::effects::{AnyEffect, DIRECTIONS, Dual, Parameter, Stage};
+use crate::effects::{AnyEffect, DIRECTIONS, Dual, Parameter, Stage, rates, seeded};
 use crate::posture::{Kind, Posture, Slots};
 use crate::setup::Setup;
 use crate::statics::{Load, Screw, Statics};
@@ -110,7 +110,7 @@ impl Model {
     }
 
     /// All parameters in the order of the parameter vector, each with its effect's id.
-    pub fn parameters(&self) -> impl Iterator<Item = (&'static str, &Parameter)> {
+    pub fn parameters(&self) -> impl Iterator<Item = (&str, &Parameter)> {
         self.terms.iter().flat_map(|term| {
             let id = term.effect.id();
             term.parameters.iter().map(move |parameter| (id, parameter))
@@ -151,7 +151,7 @@ pub struct Prediction {
     pub orientation: UnitQuaternion<f64>,
     /// What the wrist sensor should read, `[f; m]`, link frame, N and N·m: the payload's weight.
     pub wrench: Vector6<f64>,
-    /// Did the loaded equilibrium converge?
+    /// Did the loaded equilibrium converge, and to numbers?
     pub settled: bool,
 }
 
@@ -188,10 +188,13 @@ struct Frames {
     link_from_target: DualQuaternion<f64>,
 }
 
-/// A deviation that depends on the wrench at its node.
+/// A deviation's dependence on the wrench at a node: its own, or that of a torque that its law reads. One
+/// deviation may have several.
 struct Elastic {
     kind: Kind,
     slot: usize,
+    /// Node of the wrench.
+    node: usize,
     /// By local wrench component.
     compliance: Vector6<f64>,
 }
@@ -277,11 +280,12 @@ impl Workspace {
         let target = self.target(model, reading);
         let seen = self.frames.base_from_tracker.conjugate() * target;
         let scale = 1.0 + self.deviations[self.slots.tracker_scale];
+        let position = seen.translation() * scale;
         Prediction {
-            position: seen.translation() * scale,
+            position,
             orientation: seen.rotation(),
             wrench,
-            settled,
+            settled: settled && position.iter().chain(&wrench).all(|x| x.is_finite()),
         }
     }
 
@@ -302,6 +306,58 @@ impl Workspace {
                 joint.axis.dot(&along)
             })
             .collect()
+    }
+
+    /// The first effect whose law has no value at a reading, or has no slope there by its parameters or by
+    /// what it bears; the arm hangs under its load as if no elastic effect gave way.
+    pub fn lost<'a>(&mut self, model: &'a Model, p: &[f64], reading: &Reading) -> Option<&'a str> {
+        let setup = &model.setup;
+        self.deviations.fill(0.0);
+        self.statics.place(setup, &reading.joints, &self.deviations);
+        self.statics
+            .load(setup, &Load::of(setup, reading), &self.deviations);
+        let wrenches = self.statics.local_wrench.iter();
+        let wrenches: Vec<_> = wrenches.map(|wrench| wrench.map(constant)).collect();
+        let is_number = |x: &Dual| {
+            let mut slopes = rates(x).into_iter();
+            x.re.is_finite() && slopes.all(|slopes| slopes.iter().all(|s| s.is_finite()))
+        };
+        let tried = |term: &Term, p: &[Dual], wrenches: &[Vector6<Dual>]| {
+            let mut deviations = vec![constant(0.0); self.slots.count];
+            let mut posture = Posture {
+                setup,
+                reading,
+                wrenches,
+                sensed: Vector6::from_element(constant(0.0)),
+                deviations: &mut deviations,
+                base_from_tracker: DualQuaternion::identity(),
+                link_from_target: DualQuaternion::identity(),
+            };
+            term.effect.perturb_dual(p, &mut posture);
+            let frames = [posture.base_from_tracker, posture.link_from_target];
+            let frames = frames.iter().flat_map(|q| [q.real.coords, q.dual.coords]);
+            let mut frames = frames.flat_map(|q| [q.x, q.y, q.z, q.w]);
+            deviations.iter().all(is_number) && frames.all(|x| is_number(&x))
+        };
+        for term in &model.terms {
+            let plain: Vec<Dual> = term.of(p).iter().map(|&x| constant(x)).collect();
+            let mut good = (0..plain.len()).step_by(DIRECTIONS).all(|first| {
+                let mut p = plain.clone();
+                for (direction, x) in p.iter_mut().skip(first).take(DIRECTIONS).enumerate() {
+                    *x = seeded(x.re, direction);
+                }
+                tried(term, &p, &wrenches)
+            });
+            if term.effect.stage() == Stage::Elastic {
+                let along = |w: &Vector6<Dual>| Vector6::from_fn(|k, _| seeded(w[k].re, k));
+                let wrenches: Vec<_> = wrenches.iter().map(along).collect();
+                good = good && tried(term, &plain, &wrenches);
+            }
+            if !good {
+                return Some(term.effect.id());
+            }
+        }
+        None
     }
 
     /// What the wrist sensor reads of the known load: the truth, then the sensor's effects on it.
@@ -416,15 +472,19 @@ impl Workspace {
             return;
         }
         let matrix = self.one_minus_stiffness(model);
-        let gap = DVector::from_iterator(
-            n,
-            self.elastic
-                .iter()
-                .map(|e| self.next[e.slot] - self.deviations[e.slot]),
-        );
+        // a deviation moves by the sum of its parts, the first of which has its gap to close
+        let mut gap = DVector::zeros(n);
+        for (row, e) in self.elastic.iter().enumerate() {
+            if self.elastic[..row].iter().all(|other| other.slot != e.slot) {
+                gap[row] = self.next[e.slot] - self.deviations[e.slot];
+            }
+        }
         if let Some(step) = matrix.lu().solve(&gap) {
+            for e in &self.elastic {
+                self.next[e.slot] = self.deviations[e.slot];
+            }
             for (e, step) in self.elastic.iter().zip(step.iter()) {
-                self.next[e.slot] = self.deviations[e.slot] + step;
+                self.next[e.slot] += step;
             }
         }
     }
@@ -446,7 +506,7 @@ impl Workspace {
         let screw = self.statics.screw(&model.setup, kind, &self.deviations);
         let moved = Statics::node_of(kind);
         let answer = |e: &Elastic| {
-            let (node, _) = Statics::node_of(e.kind);
+            let node = e.node;
             let (force, torque) = self.statics.world_row(node, &e.compliance);
             let row = (&force, &torque);
             match &screw {
@@ -457,17 +517,42 @@ impl Workspace {
         self.elastic.iter().map(answer).collect()
     }
 
-    /// Finds the deviations that depend on wrenches, and how: dual numbers along each wrench component,
-    /// of all nodes at once, since a law sees only its own node's.
+    /// Finds the deviations that depend on wrenches, and how: dual numbers along each wrench component, of all
+    /// nodes at once, since most laws see only their own node's; those that see others one node at a time.
     fn find_elastic(&mut self, model: &Model, p: &[f64], reading: &Reading) {
         self.elastic.clear();
-        for (dual, wrench) in self
-            .dual_wrenches
-            .iter_mut()
-            .zip(&self.statics.local_wrench)
-        {
+        let near = |term: &Term| {
+            let elastic = term.effect.stage() == Stage::Elastic;
+            elastic && term.effect.distant(&model.setup).is_empty()
+        };
+        self.find_elastic_of(model, p, reading, None, near);
+        for term in &model.terms {
+            if term.effect.stage() != Stage::Elastic {
+                continue;
+            }
+            for joint in term.effect.distant(&model.setup) {
+                let this = |other: &Term| std::ptr::eq(other, term);
+                self.find_elastic_of(model, p, reading, Some(joint + 1), this);
+            }
+        }
+    }
+
+    /// The same for some of the terms, by the wrench of one node or (none) each deviation's own.
+    fn find_elastic_of(
+        &mut self,
+        model: &Model,
+        p: &[f64],
+        reading: &Reading,
+        only: Option<usize>,
+        wanted: impl Fn(&Term) -> bool,
+    ) {
+        let wrenches = self.statics.local_wrench.iter();
+        for (node, (dual, wrench)) in self.dual_wrenches.iter_mut().zip(wrenches).enumerate() {
             for k in 0..6 {
-                dual[k] = seeded(wrench[k], k);
+                dual[k] = match only {
+                    Some(one) if one != node => constant(wrench[k]),
+                    _ => seeded(wrench[k], k),
+                };
             }
         }
         self.dual_deviations.fill(constant(0.0));
@@ -480,11 +565,9 @@ impl Workspace {
             base_from_tracker: DualQuaternion::identity(),
             link_from_target: DualQuaternion::identity(),
         };
-        for term in &model.terms {
-            if term.effect.stage() == Stage::Elastic {
-                let p: Vec<Dual> = term.of(p).iter().map(|&x| constant(x)).collect();
-                term.effect.perturb_dual(&p, &mut posture);
-            }
+        for term in model.terms.iter().filter(|term| wanted(term)) {
+            let p: Vec<Dual> = term.of(p).iter().map(|&x| constant(x)).collect();
+            term.effect.perturb_dual(&p, &mut posture);
         }
         for (slot, value) in self.dual_deviations.iter().enumerate() {
             if let Some(rates) = rates(value) {
@@ -494,6 +577,7 @@ impl Workspace {
                     self.elastic.push(Elastic {
                         kind,
                         slot,
+                        node: only.unwrap_or(Statics::node_of(kind).0),
                         compliance,
                     });
                 }
@@ -768,19 +852,6 @@ impl Term {
     pub fn of<'a>(&self, p: &'a [f64]) -> &'a [f64] {
         &p[self.first..self.first + self.parameters.len()]
     }
-}
-
-/// A dual number with unit derivative along one direction.
-fn seeded(value: f64, direction: usize) -> Dual {
-    let mut rates = SVector::<f64, DIRECTIONS>::zeros();
-    rates[direction] = 1.0;
-    Dual::new(value, num_dual::Derivative::some(rates))
-}
-
-/// The derivatives of a dual number, if it has any.
-fn rates(value: &Dual) -> Option<SVector<f64, DIRECTIONS>> {
-    (value.eps != num_dual::Derivative::none())
-        .then(|| value.eps.unwrap_generic(nalgebra::Const, nalgebra::Const))
 }
 
 /// Rate of a pose along one direction, as a screw at the origin of the frame that it maps into.

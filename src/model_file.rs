@@ -62,14 +62,21 @@ pub fn model(
         }
     }
     for name in wanted {
+        // a law of the user's own is known by its file alone
+        if choices.iter().any(|choice| choice.effect.id() == name) {
+            return Err(ModelError::Table(TableError::Twice {
+                file: ORIGIN.to_owned(),
+                found: name.to_owned(),
+            }));
+        }
         choices.push(Choice::named(ORIGIN, name)?);
     }
     let source = file.map_or_else(|| ORIGIN.to_owned(), |file| file.display().to_string());
     unique(&source, &choices)?;
     // the catalogue's order, whatever the order of the words
     choices.sort_by_key(|choice| {
-        let id = choice.effect.id();
-        CATALOGUE.iter().position(|entry| entry.id == id)
+        let kind = choice.effect.kind();
+        CATALOGUE.iter().position(|entry| entry.id == kind)
     });
     let effects: Vec<_> = choices.iter().map(|choice| choice.effect.clone()).collect();
     let mut model = Model::new(setup, &effects);
@@ -121,8 +128,12 @@ fn default_effects(campaign: &Campaign, setup: &Setup) -> Vec<&'static str> {
     list
 }
 
-/// Reads the `[[effect]]` tables of a model file.
-fn read(path: &Path) -> Result<Vec<Choice>, ModelError> {
+/// Reads the `[[effect]]` tables of a model file: effects with their options, what is held, and values. They are not
+/// yet checked against a robot: [`Choice::apply`] does that.
+///
+/// # Errors
+/// If the file cannot be read, is no model file, or a table is wrong.
+pub fn read(path: &Path) -> Result<Vec<Choice>, ModelError> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|source| ModelError::Read {
         file: file.clone(),

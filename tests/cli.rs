@@ -619,6 +619,7 @@ fn the_catalogue_and_its_pages() {
         "joint_offset",
         "geometry",
         "joint_compliance",
+        "expression",
     ];
     for id in ids {
         let line = list
@@ -1102,6 +1103,294 @@ fn models_that_are_refused() {
         let words = [&fit[..], &["--model", &name]].concat();
         refused(lab(), &words, &[&[name.as_str()], parts].concat());
     }
+}
+
+// ---- laws of a user's own
+
+/// Two effects that no catalogue has, as tables of a scenario or of a model file.
+fn own(table: &str, values: bool) -> String {
+    let given = |values_of: &str| {
+        if values {
+            format!("values = {{ {values_of} }}\n")
+        } else {
+            String::new()
+        }
+    };
+    format!(
+        "[[{table}]]\nkind = \"expression\"\nname = \"cable_pull\"\nacts_on = \"q3\"\n\
+         law = \"a*sin(q3)*cos(q2) + b*q5*q4\"\n{}parameters = {{ a = {{ unit = \"rad\", typical = 1e-4 }}, \
+         b = {{ unit = \"1/rad\", typical = 1e-4 }} }}\n\
+         [[{table}]]\nkind = \"expression\"\nname = \"tilt\"\nacts_on = \"ry[a2]\"\n\
+         law = \"c*tau[a3]\"\n{}parameters.c = {{ unit = \"rad/(N·m)\", typical = 1e-6 }}\n",
+        given("a = 2e-4, b = -1e-4"),
+        given("c = 5e-8"),
+    )
+}
+
+#[test]
+fn laws_of_a_users_own_are_simulated_fitted_and_diagnosed() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let design = "poses = 24\nrepeats = 2\nloads = [{ mass_kg = 0.0 }, { mass_kg = 40.0, com_m = [0.1, 0.0, 0.1] }]";
+    let truth_tables = format!("{TRUTH}{}", own("truth", true));
+    write(at, "s.toml", &scenario("", design, &truth_tables));
+    done(at, &["simulate", "s.toml"]);
+    let others = "[[effect]]\nkind = \"geometry\"\n[[effect]]\nkind = \"joint_compliance\"\n";
+    write(at, "m.toml", &format!("{others}{}", own("effect", false)));
+
+    // without them the model is not enough, and with them it is
+    let without = json(at, &["fit", "s.mcap", "--json"]);
+    let with = json(at, &["fit", "s.mcap", "--model", "m.toml", "--json"]);
+    let rms = |document: &Value| document["heldout"]["whitened_rms"].as_f64().unwrap();
+    assert!(
+        rms(&without) > 2.0 && rms(&with) < 1.3,
+        "{} {}",
+        rms(&without),
+        rms(&with)
+    );
+    let effects = with["effects"].as_array().unwrap();
+    assert_eq!(
+        effects[effects.len() - 2..],
+        ["cable_pull", "tilt"],
+        "one name everywhere"
+    );
+    for (effect, name, unit, truth) in [
+        ("cable_pull", "a", "rad", 2e-4),
+        ("cable_pull", "b", "1/rad", -1e-4),
+        ("tilt", "c", "rad/(N·m)", 5e-8),
+    ] {
+        let row = parameter(&with, effect, name);
+        assert_eq!(row["unit"], unit);
+        assert_eq!(row["status"], "estimated", "{row}");
+        let (value, std) = (row["value"].as_f64().unwrap(), row["std"].as_f64().unwrap());
+        // 5 σ: one in two million by chance
+        assert!(
+            (value - truth).abs() < 5.0 * std && std < 0.2 * truth.abs(),
+            "{row}"
+        );
+    }
+    let text = done(at, &["fit", "s.mcap", "--model", "m.toml"]);
+    assert!(
+        text.lines().any(|line| line.starts_with("  cable_pull ")),
+        "{text}"
+    );
+    assert!(
+        text.ends_with("next     misfit diagnose s.mcap --model m.toml\n"),
+        "{text}"
+    );
+    let document = json(at, &["diagnose", "s.mcap", "--model", "m.toml", "--json"]);
+    assert_eq!(document["verdict"], "nothing");
+
+    // what the plant had is a model file, options and all
+    let truth = json(at, &["fit", "s.mcap", "--model", "s.truth.toml", "--json"]);
+    assert!(
+        (rms(&truth) - rms(&with)).abs() < 0.2,
+        "{} {}",
+        rms(&truth),
+        rms(&with)
+    );
+    assert!(parameter(&truth, "tilt", "c")["value"].as_f64().unwrap() > 2e-8);
+
+    // held, it is applied and not changed
+    let held = own("effect", true).replace("kind =", "hold = true\nkind =");
+    write(at, "held.toml", &format!("{others}{held}"));
+    let held = json(at, &["fit", "s.mcap", "--model", "held.toml", "--json"]);
+    assert!(rms(&held) < 1.3);
+    assert_eq!(parameter(&held, "cable_pull", "a")["value"], 2e-4);
+    assert_eq!(parameter(&held, "cable_pull", "a")["status"], "held");
+
+    // a scenario may name the model file
+    let expect = "[expect]\nwhitened_rms = [0.8, 1.2]\n[[expect.parameter]]\nname = \"tilt.c\"\nsigmas = 5\n";
+    let tail = format!("{truth_tables}{expect}");
+    let with_model = scenario("model = \"m.toml\"", design, &tail);
+    write(at, "r.toml", &with_model);
+    let text = done(at, &["run", "r.toml"]);
+    assert!(text.ends_with("expect   2 of 2 met\n"), "{text}");
+    write(at, "r.toml", &with_model.replace("m.toml", "gone.toml"));
+    refused(at, &["run", "r.toml"], &["gone.toml", "No such file"]);
+}
+
+#[test]
+fn laws_that_are_refused() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    fs::copy(lab().join("cell.mcap"), at.join("cell.mcap")).unwrap();
+    let one = "parameters.a = { unit = \"rad\", typical = 1e-4 }";
+    let law = |law: &str| format!("name = \"own\"\nacts_on = \"q3\"\nlaw = {law:?}\n{one}");
+    let cases: Vec<(String, &[&str])> = vec![
+        (
+            String::new(),
+            &["name is missing", "misfit effects show expression"],
+        ),
+        (
+            law("a").replace("own", "o w n"),
+            &["name is \"o w n\"; accepted: letters"],
+        ),
+        (
+            law("a").replace("own", "geometry"),
+            &["\"geometry\", which is an effect of the catalogue"],
+        ),
+        (
+            law("a").replace("own", "expression"),
+            &["\"expression\", which is an effect of the catalogue"],
+        ),
+        (
+            law("a").replace("acts_on", "act_on"),
+            &["unknown field `act_on`", "`acts_on`"],
+        ),
+        (
+            law("a").replace("acts_on = \"q3\"\n", ""),
+            &["own: acts_on is missing"],
+        ),
+        (
+            law("a").replace("\"q3\"", "\"rw3\""),
+            &["own: acts_on is \"rw3\"; accepted: q3 or q[joint]"],
+        ),
+        (
+            law("a").replace("\"q3\"", "\"q\""),
+            &["acts_on is \"q\"; accepted"],
+        ),
+        (
+            law("a").replace("\"q3\"", "\"q7\""),
+            &["acts_on is \"q7\": there is no joint 7; known: 1 [a1]"],
+        ),
+        (law("a").replace(one, ""), &["own: parameters is empty"]),
+        (law("q1").replace(one, ""), &["own: parameters is empty"]),
+        (
+            law("a").replace("1e-4", "0"),
+            &["typical size of a is 0; accepted: a number above 0"],
+        ),
+        (
+            law("a").replace("1e-4", "nan"),
+            &["typical size of a is NaN"],
+        ),
+        (
+            law("a").replace(", typical = 1e-4", ""),
+            &["the parameter a lacks unit or typical size"],
+        ),
+        (
+            law("a").replace("\"rad\"", "\"\""),
+            &["unit of a is \"\"; accepted: SI units"],
+        ),
+        (
+            law("a + q3").replace("parameters.a", "parameters.q3"),
+            &["a parameter is called q3, which means"],
+        ),
+        (
+            law("sin").replace("parameters.a", "parameters.sin"),
+            &["sin is a function; accepted: sin(…)", "\n    sin\n    ^"],
+        ),
+        (
+            law("pi").replace("parameters.a", "parameters.pi"),
+            &["a parameter is called pi"],
+        ),
+        (
+            law("a") + "\nparameters.b = { unit = \"m\", typical = 1 }",
+            &["the parameter b is not in the law \"a\""],
+        ),
+        (
+            law("a*(q1 + "),
+            &["own: law: the end; accepted here", "\n    a*(q1 +\n"],
+        ),
+        (
+            law("a*sine(q3)"),
+            &[
+                "no function is called \"sine\"; known: sin, cos",
+                "\n    a*sine(q3)\n      ^",
+            ],
+        ),
+        (
+            law("a*qq3"),
+            &[
+                "nothing is called \"qq3\"; known: a, q1 or q[joint]",
+                "\n    a*qq3\n      ^",
+            ],
+        ),
+        (
+            law("a*tau9"),
+            &[
+                "own: law: there is no joint 9; known: 1 [a1], 2 [a2]",
+                "\n    a*tau9\n      ^",
+            ],
+        ),
+        (
+            law("a*q[nothing]"),
+            &[
+                "called \"nothing\"; known: 1 [a1]",
+                "\n    a*q[nothing]\n      ^",
+            ],
+        ),
+        (law("a*atan2(q1)"), &["atan2 with 1 argument; accepted: 2"]),
+        (
+            law("a + 1"),
+            &[
+                "own: with all parameters at zero the law \"a + 1\" is 1; accepted: laws that are zero",
+            ],
+        ),
+        (law("sqrt(a)*q1"), &["has no slope by a"]),
+        (
+            law(&("(".repeat(500) + "a")),
+            &["nested too deeply; accepted: up to 64"],
+        ),
+        (
+            law(&"a+".repeat(2000)),
+            &["4000 bytes long; accepted: up to 1000"],
+        ),
+        // the campaign says no direction and no temperature
+        (
+            law("a*approach1"),
+            &["line 2: the law of own", "approach_<joint>"],
+        ),
+        (
+            law("a*temperature"),
+            &["line 2: the law of own", "temperature_degC"],
+        ),
+        (law("a/(q1 - q1)"), &["has no value at any of 32 postures"]),
+        (
+            law("a*asin(q1)"),
+            &["the law of own has no value or no slope here; accepted: laws that have both"],
+        ),
+    ];
+    for (index, (keys, parts)) in cases.iter().enumerate() {
+        let name = format!("m{index}.toml");
+        write(
+            at,
+            &name,
+            &format!("[[effect]]\nkind = \"expression\"\n{keys}\n"),
+        );
+        let mut words = vec!["fit", "cell.mcap", "--model", &name];
+        // what only the readings show is told of the campaign
+        let of_campaign = parts[0].contains("the law of own");
+        let file = if of_campaign { "cell" } else { &name };
+        refused(at, &words, &[&[file], *parts].concat());
+        words[0] = "diagnose";
+        refused(at, &words, &[&[file], *parts].concat());
+        // and a truth is refused like a model
+        if !of_campaign {
+            let tail = format!("[[truth]]\nkind = \"expression\"\n{keys}\n");
+            write(at, "s.toml", &scenario("", "poses = 3", &tail));
+            refused(at, &["simulate", "s.toml"], &[&["s.toml"], *parts].concat());
+        }
+    }
+    let fit = ["fit", "cell.mcap", "--effects"];
+    refused(
+        at,
+        &[&fit[..], &["expression"]].concat(),
+        &["--effects: expression: name is missing"],
+    );
+    write(at, "m.toml", &own("effect", false));
+    let words = [&fit[..], &["+tilt", "--model", "m.toml"]].concat();
+    refused(at, &words, &["\"tilt\" is named twice"]);
+    write(
+        at,
+        "m.toml",
+        &own("effect", false).replace("tilt", "cable_pull"),
+    );
+    refused(
+        at,
+        &["fit", "cell.mcap", "--model", "m.toml"],
+        &["m.toml", "\"cable_pull\" is named twice"],
+    );
 }
 
 #[test]

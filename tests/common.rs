@@ -195,6 +195,100 @@ pub fn effect(id: &str) -> Arc<dyn AnyEffect> {
     })
 }
 
+/// A law of a user's own; `{k}` in it is the k-th joint that readings can depend on, counted from 0.
+pub struct Law {
+    pub name: &'static str,
+    acts_on: &'static str,
+    law: &'static str,
+    /// Name, unit, typical size.
+    parameters: &'static [(&'static str, &'static str, f64)],
+}
+
+/// Laws that keep the contract like the catalogue.
+pub const LAWS: [Law; 5] = [
+    Law {
+        name: "own_angle",
+        acts_on: "q{2}",
+        law: "a*sin(q{1}) + b*q{3}*time/1000 + c*temperature*approach{2}",
+        parameters: &[("a", "rad", 1e-4), ("b", "1/s", 1e-4), ("c", "rad/K", 1e-5)],
+    },
+    Law {
+        name: "own_torque",
+        acts_on: "q{2}",
+        law: "c*tau{2} + k*tanh(tau{2}/200)",
+        parameters: &[("c", "rad/(N·m)", 1e-6), ("k", "rad", 1e-4)],
+    },
+    // the torque of other joints
+    Law {
+        name: "own_distant",
+        acts_on: "q{3}",
+        law: "c*tau{1} + d*tau{3}*q{0} + m*payload",
+        parameters: &[
+            ("c", "rad/(N·m)", 1e-6),
+            ("d", "1/(N·m)", 1e-6),
+            ("m", "rad/kg", 1e-5),
+        ],
+    },
+    Law {
+        name: "own_tilt",
+        acts_on: "rx{1}",
+        law: "a*cos(q{3}) + b*q{1}^2 - a",
+        parameters: &[("a", "rad", 1e-4), ("b", "1/rad", 1e-4)],
+    },
+    Law {
+        name: "own_shift",
+        acts_on: "ty{1}",
+        law: "c*tau{2}*abs(tau{2})/100 + d*tau{1}",
+        parameters: &[("c", "m/(N·m)", 2e-7), ("d", "m/(N·m)", 2e-7)],
+    },
+];
+
+/// One of [`LAWS`] for a robot.
+pub fn law(setup: &Setup, name: &str) -> Arc<dyn AnyEffect> {
+    let found = LAWS.iter().find(|law| law.name == name).unwrap();
+    let named = |text: &str| {
+        let mut text = text.to_owned();
+        for (k, &joint) in setup.observed.iter().enumerate() {
+            let joint = &setup.robot.joints[joint].name;
+            text = text.replace(&format!("{{{k}}}"), &format!("[{joint}]"));
+        }
+        text
+    };
+    let size = |&(name, unit, typical): &(&str, &str, f64)| {
+        format!("{name} = {{ unit = \"{unit}\", typical = {typical} }}")
+    };
+    let parameters: Vec<String> = found.parameters.iter().map(size).collect();
+    let (acts_on, law) = (named(found.acts_on), named(found.law));
+    expression(
+        setup,
+        &format!(
+            "name = \"{name}\"\nacts_on = \"{acts_on}\"\nlaw = \"{law}\"\nparameters = {{ {} }}",
+            parameters.join(", ")
+        ),
+    )
+}
+
+/// An expression from the keys of its table, checked against a robot.
+pub fn expression(setup: &Setup, keys: &str) -> Arc<dyn AnyEffect> {
+    let made = effects::find("expression")
+        .unwrap()
+        .make(toml::from_str(keys).unwrap());
+    let effect = made.unwrap_or_else(|error| panic!("{keys}: {error}"));
+    effect
+        .check(setup)
+        .unwrap_or_else(|error| panic!("{keys}: {error}"));
+    effect
+}
+
+/// An effect of the catalogue, or one of [`LAWS`].
+pub fn effect_on(setup: &Setup, id: &str) -> Arc<dyn AnyEffect> {
+    if LAWS.iter().any(|law| law.name == id) {
+        law(setup, id)
+    } else {
+        effect(id)
+    }
+}
+
 /// An effect with values for all its parameters.
 pub struct Part {
     pub effect: Arc<dyn AnyEffect>,
@@ -221,7 +315,7 @@ pub fn springs(setup: &Setup, stiffness: &[f64]) -> Part {
 
 /// Values about the typical sizes of an effect's parameters, within their bounds.
 pub fn about_typical(setup: &Setup, id: &str, size: f64, random: &mut impl Rng) -> Part {
-    let effect = effect(id);
+    let effect = effect_on(setup, id);
     let values = effect.parameters(setup).into_iter().map(|parameter| {
         let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
         let value = size * parameter.typical * random.random_range(0.5..1.5) * sign;

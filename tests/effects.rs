@@ -1,9 +1,9 @@
 //! The contract that every effect of the catalogue keeps, run over all of it on three robots.
 
-use crate::common::{Part, Twins, about_typical, apart, effect, file, payload, pose_of, pose_seen};
-use crate::common::{posture, random, reading, sda5f, six_axis, sliding};
+use crate::common::{LAWS, Part, Twins, about_typical, apart, effect_on, file, payload, pose_of};
+use crate::common::{pose_seen, posture, random, reading, sda5f, six_axis, sliding};
 use misfit::campaign::{Campaign, Frame, Noise, Payload, Reading, Wrench};
-use misfit::effects::{CATALOGUE, Entry, Stage};
+use misfit::effects::{CATALOGUE, Stage};
 use misfit::fit::{Fit, Options, Status, fit};
 use misfit::model::{Model, Prediction, ROWS, Row, Rows, Workspace};
 use misfit::plant::instruments::Seen;
@@ -30,11 +30,26 @@ fn robots() -> [(&'static str, Setup); 3] {
     ]
 }
 
+/// What the contract is run over: an effect of the catalogue, or a law of a user's own.
+struct Case {
+    id: &'static str,
+}
+
+/// The kind of effect that is a law of a user's own: [`LAWS`] stand for it.
+const OWN: &str = "expression";
+
+fn cases() -> impl Iterator<Item = Case> {
+    let catalogue = CATALOGUE.iter().map(|entry| entry.id);
+    let laws = LAWS.iter().map(|law| law.name);
+    let all = catalogue.filter(|id| *id != OWN).chain(laws);
+    all.map(|id| Case { id })
+}
+
 /// Calls a check for every effect on every robot.
-fn for_all(check: impl Fn(&Entry, &str, &Setup)) {
+fn for_all(check: impl Fn(&Case, &str, &Setup)) {
     let mut failed = Vec::new();
     for (name, setup) in robots() {
-        for entry in CATALOGUE {
+        for entry in &cases().collect::<Vec<_>>() {
             // every effect is tried, whatever becomes of the others
             let what = format!("{} on {name}", entry.id);
             let case = || check(entry, &what, &setup);
@@ -87,7 +102,7 @@ fn sorted(mut parts: Vec<Part>) -> Vec<Part> {
     parts.sort_by_key(|part| {
         CATALOGUE
             .iter()
-            .position(|entry| entry.id == part.effect.id())
+            .position(|entry| entry.id == part.effect.kind())
     });
     parts
 }
@@ -109,7 +124,7 @@ fn predictions_apart(a: &Prediction, b: &Prediction) -> (f64, f64, f64) {
 }
 
 fn neutral(setup: &Setup, id: &str) -> Part {
-    let effect = effect(id);
+    let effect = effect_on(setup, id);
     let values = vec![0.0; effect.parameters(setup).len()];
     Part { effect, values }
 }
@@ -344,7 +359,7 @@ fn campaign_with(setup: &Setup, id: &str, random: &mut impl Rng) -> (Campaign, V
         // an arm of a ton that typical springs bend by centimetres
         Vec::push(&mut parts, about_typical(setup, id, 0.3, random));
     }
-    if effect(id).stage() == Stage::Load {
+    if effect_on(setup, id).stage() == Stage::Load {
         parts.push(about_typical(setup, SPRINGS, 0.1, random));
     }
     let parts = sorted(parts);
@@ -522,8 +537,11 @@ fn pages_are_complete() {
                 entry.id
             );
         }
-        assert_eq!(effect(entry.id).id(), entry.id);
-        assert_eq!(effect(entry.id).stage(), entry.stage);
+        let own = entry.id == OWN;
+        let example = effect_on(&six_axis(), if own { LAWS[0].name } else { entry.id });
+        assert_eq!(example.kind(), entry.id);
+        assert_eq!(example.id(), if own { LAWS[0].name } else { entry.id });
+        assert_eq!(example.stage(), entry.stage);
         for alias in entry.aliases {
             let other = misfit::effects::find(alias).unwrap();
             assert!(

@@ -49,12 +49,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         print_json(&report::diagnosis::document(&found))?;
     } else {
         let path = arguments.campaign.display();
-        let next = match found.named.first() {
-            Some(effect) => format!("misfit fit {path} --effects +{effect}     or     "),
-            None => String::new(),
-        };
-        let text = report::diagnosis::text(&campaign, &found);
-        print(&format!("{text}\nnext     {next}misfit ladder {path}\n"))?;
+        let of_model = arguments.model.as_ref();
+        let of_model = of_model.map(|model| format!(" --model {}", model.display()));
+        let add = found.named.first().map(|effect| {
+            let model = of_model.as_deref().unwrap_or("");
+            format!("misfit fit {path}{model} --effects +{effect}")
+        });
+        // a ladder starts from the frames, whatever the model
+        let ladder = of_model.is_none().then(|| format!("misfit ladder {path}"));
+        let next: Vec<String> = add.into_iter().chain(ladder).collect();
+        let mut text = report::diagnosis::text(&campaign, &found);
+        if !next.is_empty() {
+            text += &format!("\nnext     {}\n", next.join("     or     "));
+        }
+        print(&text)?;
     }
     Ok(if found.fit.converged {
         Outcome::Done

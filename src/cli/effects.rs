@@ -51,19 +51,29 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// A page with its paragraphs filled anew: the source's lines are longer than a terminal's. Headings, list items
-/// and tables keep their lines.
+/// A page with its paragraphs and list items filled anew: the source's lines are longer than a terminal's. Headings and
+/// tables keep their lines.
 fn reflowed(page: &str) -> String {
-    let mut lines: Vec<String> = Vec::new();
-    let mut paragraph = false;
+    // each with the indent of its further lines, none where nothing can follow
+    let mut blocks: Vec<(String, Option<usize>)> = Vec::new();
     for line in page.lines() {
-        let prose = !line.is_empty() && !line.starts_with(['#', '|', '-', '*', ' ']);
-        match lines.last_mut() {
-            Some(last) if prose && paragraph => *last = format!("{last} {line}"),
-            _ => lines.push(line.to_owned()),
+        let indent = match line.chars().next() {
+            None | Some('#' | '|') => None,
+            Some('-' | '*') => Some(2),
+            _ => Some(0),
+        };
+        match blocks.last_mut() {
+            Some((last, Some(hanging)))
+                if indent == Some(0) && (*hanging > 0) == line.starts_with(' ') =>
+            {
+                *last = format!("{last} {}", line.trim_start());
+            }
+            _ => blocks.push((line.to_owned(), indent)),
         }
-        paragraph = prose;
     }
-    let lines: Vec<String> = lines.iter().map(|line| wrap(line, 0)).collect();
+    let lines = blocks.iter();
+    let lines: Vec<String> = lines
+        .map(|(text, indent)| wrap(text, indent.unwrap_or(0)))
+        .collect();
     lines.join("\n")
 }

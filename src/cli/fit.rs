@@ -83,8 +83,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
                 Detail::Usual
             },
         );
+        let model = arguments.model.as_ref();
+        let model = model.map_or_else(String::new, |model| format!(" --model {}", model.display()));
         let next = format!(
-            "next     misfit diagnose {}\n",
+            "next     misfit diagnose {}{model}\n",
             arguments.campaign.display()
         );
         print(&(text + &next))?;

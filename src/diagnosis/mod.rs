@@ -63,7 +63,7 @@ pub enum Verdict {
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Candidate {
     /// Effect.
-    pub effect: &'static str,
+    pub effect: String,
     /// Log evidence against the base model, nats.
     pub log_evidence: f64,
     /// Signal found, σ².
@@ -78,7 +78,7 @@ pub struct Candidate {
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct CannotSee {
     /// Effect.
-    pub effect: &'static str,
+    pub effect: String,
     /// Why.
     pub why: String,
 }
@@ -89,9 +89,9 @@ pub struct Diagnosis {
     /// The answer.
     pub verdict: Verdict,
     /// Its effects.
-    pub effects: Vec<&'static str>,
+    pub effects: Vec<String>,
     /// Effects added one after the other, also where the verdict is a set of aliases.
-    pub named: Vec<&'static str>,
+    pub named: Vec<String>,
     /// Contrasts of the base model's misfit.
     pub contrasts: Vec<Contrast>,
     /// What the base model's misfit follows, the most evidence first.
@@ -158,11 +158,11 @@ pub fn diagnose(
     let first = analyse(&campaign, &base);
     let mut current = base.clone();
     let mut last = first.clone();
-    let mut named: Vec<&'static str> = Vec::new();
+    let mut named: Vec<String> = Vec::new();
     let mut evidence = 0.0;
-    for id in first.set.iter().copied() {
+    for id in first.set.clone() {
         on_step(&format!("refitting with {id}"));
-        let Some(effect) = effect(id) else { continue };
+        let Some(effect) = effect(&id) else { continue };
         current = finite_fit(&campaign, &current.model.with(&effect))?;
         named.push(id);
         evidence = first.set_evidence;
@@ -172,9 +172,9 @@ pub fn diagnose(
         last = analyse(&campaign, &current);
     }
     // large effects may hide another until they are refitted
-    while let (Some(&id), true) = (last.set.first(), named.len() < MOST) {
+    while let (Some(id), true) = (last.set.first().cloned(), named.len() < MOST) {
         on_step(&format!("refitting with {id}"));
-        let Some(effect) = effect(id) else { break };
+        let Some(effect) = effect(&id) else { break };
         current = finite_fit(&campaign, &current.model.with(&effect))?;
         named.push(id);
         evidence += last.first_evidence;
@@ -314,13 +314,13 @@ struct Analysis {
     /// Is anything there?
     alarm: bool,
     /// The effects that explain it best, and the evidence of all and of the first.
-    set: Vec<&'static str>,
+    set: Vec<String>,
     set_evidence: f64,
     first_evidence: f64,
     /// What the set is worth on poses left out.
     gain: Option<Gain>,
     /// The same with all that cannot be told from one of them.
-    near: Vec<&'static str>,
+    near: Vec<String>,
 }
 
 /// Runs all tests on a fit.
@@ -361,7 +361,7 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
     for (index, (family, score)) in families.iter().zip(&scores).enumerate() {
         match blind(campaign, family.effect.id(), score) {
             Some(why) => cannot_see.push(CannotSee {
-                effect: family.effect.id(),
+                effect: family.effect.id().to_owned(),
                 why,
             }),
             None => tried.push(index),
@@ -375,7 +375,7 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
             let score = &scores[index];
             let signal = score.signal();
             Candidate {
-                effect: families[index].effect.id(),
+                effect: families[index].effect.id().to_owned(),
                 log_evidence: score.log_evidence,
                 lambda: signal,
                 p_value: score.p_value,
@@ -400,7 +400,8 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
         )
     };
     let ((set, near, gain), (contrasts, patterns)) = rayon::join(find, test);
-    let ids = |members: &[usize]| members.iter().map(|&m| families[m].effect.id()).collect();
+    let id = |&member: &usize| families[member].effect.id().to_owned();
+    let ids = |members: &[usize]| members.iter().map(id).collect();
     let lack_of_fit = match fit.noise.source {
         // measured against itself nothing is left over
         Source::Residual => 1.0,

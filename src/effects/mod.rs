@@ -6,6 +6,7 @@
 mod backlash;
 mod base_compliance;
 mod bearing_tilt;
+mod expression;
 mod frame_drift;
 mod ft_bias;
 mod ft_gain;
@@ -40,6 +41,7 @@ use crate::plant::{PlantError, PlantSpec};
 use crate::posture::Posture;
 use crate::robot::JointKind;
 use crate::setup::Setup;
+use nalgebra::SVector;
 pub use need::Need;
 use num_dual::DualSVec64;
 use serde::de::DeserializeOwned;
@@ -76,6 +78,7 @@ pub const CATALOGUE: &[Entry] = &[
     entry::<ft_bias::FtBias>(include_str!("ft_bias.rs")),
     entry::<ft_gain::FtGain>(include_str!("ft_gain.rs")),
     entry::<ft_misalignment::FtMisalignment>(include_str!("ft_misalignment.rs")),
+    entry::<expression::Expression>(include_str!("expression.rs")),
 ];
 
 /// Where on the way from encoder to tracker an effect acts.
@@ -85,7 +88,8 @@ pub enum Stage {
     Rigid,
     /// Changes masses, payload, gravity or torques.
     Load,
-    /// Moves joints or nodes under the load: sees the wrench at the node it moves, and no other.
+    /// Moves joints or nodes under the load: sees the wrench at the node it moves, and no other but those that
+    /// [`Effect::distant`] names.
     Elastic,
     /// Changes what the wrist sensor reads; sees what it should read.
     Sensor,
@@ -112,7 +116,7 @@ pub struct Parameter {
     /// Name within the effect, e.g. the joint's.
     pub name: String,
     /// SI unit.
-    pub unit: &'static str,
+    pub unit: String,
     /// Size that would not surprise; scales the parameter in rank decisions.
     pub typical: f64,
     /// Least value allowed.
@@ -127,10 +131,10 @@ pub struct Parameter {
 
 impl Parameter {
     /// A free, unbounded parameter that starts at zero.
-    pub fn new(name: impl Into<String>, unit: &'static str, typical: f64) -> Self {
+    pub fn new(name: impl Into<String>, unit: impl Into<String>, typical: f64) -> Self {
         Self {
             name: name.into(),
-            unit,
+            unit: unit.into(),
             typical,
             lower: f64::NEG_INFINITY,
             upper: f64::INFINITY,
@@ -155,6 +159,23 @@ pub trait Effect: Debug + Send + Sync + 'static {
     const NEEDS: &'static [Need] = &[];
     /// Effects of the catalogue that look exactly the same in some campaigns that meet its needs.
     const ALIASES: &'static [&'static str] = &[];
+    /// [`Effect::ID`], but where one kind makes many effects each has a name of its own.
+    fn id(&self) -> &str {
+        Self::ID
+    }
+    /// [`Effect::STAGE`], but where it depends on options.
+    fn stage(&self) -> Stage {
+        Self::STAGE
+    }
+    /// [`Effect::NEEDS`], but where they depend on options.
+    fn needs(&self) -> &[Need] {
+        Self::NEEDS
+    }
+    /// Joints whose wrenches (torques) an elastic law reads, if one of them is not the joint that it moves or moves
+    /// behind: all that it reads then; none for a law that sees its own node alone.
+    fn distant(&self, _setup: &Setup) -> Vec<usize> {
+        Vec::new()
+    }
     /// Refuses options that do not fit the robot.
     ///
     /// # Errors
@@ -214,14 +235,31 @@ pub const DIRECTIONS: usize = 8;
 /// Dual numbers with [`DIRECTIONS`] derivatives.
 pub type Dual = DualSVec64<DIRECTIONS>;
 
+/// A dual number with unit derivative along one direction.
+pub fn seeded(value: f64, direction: usize) -> Dual {
+    let mut rates = SVector::<f64, DIRECTIONS>::zeros();
+    rates[direction] = 1.0;
+    Dual::new(value, num_dual::Derivative::some(rates))
+}
+
+/// The derivatives of a dual number, if it has any.
+pub fn rates(value: &Dual) -> Option<SVector<f64, DIRECTIONS>> {
+    (value.eps != num_dual::Derivative::none())
+        .then(|| value.eps.unwrap_generic(nalgebra::Const, nalgebra::Const))
+}
+
 /// The object-safe face of [`Effect`].
 pub trait AnyEffect: Debug + Send + Sync {
     /// [`Effect::ID`].
-    fn id(&self) -> &'static str;
-    /// [`Effect::STAGE`].
+    fn kind(&self) -> &'static str;
+    /// [`Effect::id`].
+    fn id(&self) -> &str;
+    /// [`Effect::stage`].
     fn stage(&self) -> Stage;
-    /// [`Effect::NEEDS`].
-    fn needs(&self) -> &'static [Need];
+    /// [`Effect::needs`].
+    fn needs(&self) -> &[Need];
+    /// [`Effect::distant`].
+    fn distant(&self, setup: &Setup) -> Vec<usize>;
     /// [`Effect::ALIASES`].
     fn aliases(&self) -> &'static [&'static str];
     /// [`Effect::check`].
@@ -243,14 +281,20 @@ pub trait AnyEffect: Debug + Send + Sync {
 }
 
 impl<E: Effect> AnyEffect for E {
-    fn id(&self) -> &'static str {
+    fn kind(&self) -> &'static str {
         E::ID
     }
-    fn stage(&self) -> Stage {
-        E::STAGE
+    fn id(&self) -> &str {
+        Effect::id(self)
     }
-    fn needs(&self) -> &'static [Need] {
-        E::NEEDS
+    fn stage(&self) -> Stage {
+        Effect::stage(self)
+    }
+    fn needs(&self) -> &[Need] {
+        Effect::needs(self)
+    }
+    fn distant(&self, setup: &Setup) -> Vec<usize> {
+        Effect::distant(self, setup)
     }
     fn aliases(&self) -> &'static [&'static str] {
         E::ALIASES

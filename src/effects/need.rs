@@ -52,6 +52,18 @@ impl Need {
         }
     }
 
+    /// Does a reading say it? Of loads nothing said is no load.
+    pub fn is_said(self, reading: &Reading) -> bool {
+        match self {
+            Need::Approach => reading.approach.is_some(),
+            Need::Time => reading.time.is_some(),
+            Need::Temperature => {
+                reading.temperature.is_some() || !reading.link_temperatures.is_empty()
+            }
+            _ => true,
+        }
+    }
+
     /// Does a campaign have it?
     pub fn is_met(self, campaign: &Campaign) -> bool {
         let any = |has: fn(&Reading) -> bool| campaign.readings.iter().any(has);

@@ -60,6 +60,18 @@ pub enum FitError {
         /// Line of the first such reading.
         line: usize,
     },
+    /// An effect's law has no value, or no slope, at a reading.
+    #[error("{campaign}: line {line}: the law of {effect} has no value or no slope here; {why}")]
+    NoNumber {
+        /// Campaign file.
+        campaign: String,
+        /// Line of the first such reading.
+        line: usize,
+        /// The effect.
+        effect: String,
+        /// What it lacks, or what is accepted.
+        why: String,
+    },
 }
 
 /// Errors of predicted readings.
@@ -206,7 +218,16 @@ pub fn fit(
         });
     }
     let start = start_values(campaign, model, &fitted);
+    if let Some(error) = no_number(campaign, model, &start, false) {
+        return Err(error);
+    }
     let estimate = estimate(campaign, model, &fitted, start, &mut on_step)?;
+    let factor = &estimate.solution.linear.factor;
+    if factor.iter().any(|x| !x.is_finite())
+        && let Some(error) = no_number(campaign, model, &estimate.p, true)
+    {
+        return Err(error);
+    }
     let errors = errors(model, &estimate.p, &fitted, &estimate.whiteners);
     let mut folds_stopped = 0;
     let (held, heldout_by) = if !heldout.is_empty() {
@@ -227,7 +248,7 @@ pub fn fit(
         (held, heldout_by),
         (&fitted, heldout.len()),
     );
-    without_equilibrium(&mut found);
+    without_equilibrium(campaign, &mut found);
     if folds_stopped > 0 {
         found.unobservable.push(Unobservable {
             what: "cross-validated error".to_owned(),
@@ -239,22 +260,63 @@ pub fn fit(
     Ok(found)
 }
 
-/// Errors that are not numbers, said in words: the model has no equilibrium at some reading. A fit that ends so
-/// has not converged.
-fn without_equilibrium(found: &mut Fit) {
-    let mut say = |what: &str| {
-        found.unobservable.push(Unobservable {
-            what: what.to_owned(),
-            why: "the model has no loaded equilibrium at some of them: the arm collapses under its load"
-                .to_owned(),
-        });
+/// The first reading at which an effect's law has no value; with `slopes` also where only its slope is none.
+fn no_number(campaign: &Campaign, model: &Model, p: &[f64], slopes: bool) -> Option<FitError> {
+    let find = |workspace: &mut Workspace, reading: &Reading| {
+        if !slopes && workspace.predict(model, p, reading).settled {
+            return None;
+        }
+        let id = workspace.lost(model, p, reading)?;
+        let needs = model.term(id).map_or(&[][..], |term| term.effect.needs());
+        let lacking = needs.iter().find(|need| !need.is_said(reading));
+        let why = lacking.map_or_else(
+            || {
+                "accepted: laws that have both at every reading, from their start values on"
+                    .to_owned()
+            },
+            |need| format!("it {}", need.sentence()),
+        );
+        Some(FitError::NoNumber {
+            campaign: campaign.name.clone(),
+            line: reading.line,
+            effect: id.to_owned(),
+            why,
+        })
     };
-    if !found.fit.position_rms_m.is_finite() {
-        say("error of the fitted readings");
+    let found = campaign.readings.par_iter().map_init(
+        || Workspace::new(&model.setup),
+        |workspace, reading| find(workspace, reading),
+    );
+    found.find_map_first(|error| error)
+}
+
+/// Errors that are not numbers, said in words: the model has no equilibrium at some reading, or an effect's law no
+/// value. A fit that ends so has not converged.
+fn without_equilibrium(campaign: &Campaign, found: &mut Fit) {
+    let fitted = !found.fit.position_rms_m.is_finite();
+    let heldout = found.heldout.is_some_and(|e| !e.position_rms_m.is_finite());
+    if !fitted && !heldout {
+        return;
+    }
+    let why = match no_number(campaign, &found.model, &found.values, false) {
+        Some(FitError::NoNumber { line, effect, .. }) => {
+            format!("the law of {effect} has no value at some of them, line {line} the first")
+        }
+        _ => {
+            "the model has no loaded equilibrium at some of them: the arm collapses under its load"
+                .to_owned()
+        }
+    };
+    let say = |what: &str| Unobservable {
+        what: what.to_owned(),
+        why: why.clone(),
+    };
+    if fitted {
+        found.unobservable.push(say("error of the fitted readings"));
         found.converged = false;
     }
-    if found.heldout.is_some_and(|e| !e.position_rms_m.is_finite()) {
-        say("error of readings not fitted");
+    if heldout {
+        found.unobservable.push(say("error of readings not fitted"));
         found.heldout = None;
     }
 }

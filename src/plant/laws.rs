@@ -5,7 +5,7 @@ use crate::campaign::Wrench;
 use nalgebra::Isometry3;
 use std::sync::Arc;
 
-/// Adds to the joint angles that a command asks for: `law(command, angles)`.
+/// Adds to the joint angles that a command asks for: `law(command, angles)`, the positions of drives behind them.
 pub type CommandLaw = Arc<dyn Fn(&Command, &mut [f64]) + Send + Sync>;
 
 /// Adds to the torques on the joints, N·m (N): `law(rest, angles, torques)`, all by joint, where `rest` is
@@ -13,7 +13,7 @@ pub type CommandLaw = Arc<dyn Fn(&Command, &mut [f64]) + Send + Sync>;
 pub type TorqueLaw = Arc<dyn Fn(&[f64], &[f64], &mut [f64]) + Send + Sync>;
 
 /// Adds to where the joints' springs are at rest, for the torque that they bear in equilibrium:
-/// `law(command, torques, angles)`, all by joint, N·m and rad (N and m). Rigid joints move too.
+/// `law(command, torques, angles)`, all by joint and then by drive, N·m and rad (N and m). Rigid joints move too.
 pub type WindupLaw = Arc<dyn Fn(&Command, &[f64], &mut [f64]) + Send + Sync>;
 
 /// Changes a load from what is stated of it to what hangs there: `law(command, load)`.

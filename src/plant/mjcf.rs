@@ -11,6 +11,9 @@ use std::fmt::Write;
 /// The six motions of a flexure, in the order of its stiffnesses.
 pub(super) const FLEXURE_AXES: [&str; 6] = ["rx", "ry", "rz", "tx", "ty", "tz"];
 
+/// The motions of a drive, in the order of its axes.
+const DRIVE_AXES: [&str; 6] = ["slide", "slide", "slide", "hinge", "hinge", "hinge"];
+
 /// MuJoCo's compiler refuses to move bodies without mass; statics has no need of any. Bodies without one
 /// get this (kg, and kg·m²), and lose it when the plant is built. Inertia plays no part in statics.
 const TOKEN_MASS: f64 = 1e-12;
@@ -111,6 +114,14 @@ pub(super) fn check(spec: &PlantSpec) -> Result<(), PlantError> {
             ));
         }
     }
+    for drive in &spec.drives {
+        if drive.body >= bodies || drive.axis >= DRIVE_AXES.len() {
+            return wrong(format!(
+                "a drive of body {} along {}",
+                drive.body, drive.axis
+            ));
+        }
+    }
     for &(link, _) in &spec.targets {
         match spec.robot.links.get(link) {
             None => {
@@ -156,7 +167,9 @@ pub(super) fn moved_name(spec: &PlantSpec, body: usize) -> String {
 /// Is a body just where its joint moves it?
 fn is_plain(spec: &PlantSpec, body: usize) -> bool {
     let behind = |flexure: &super::Flexure| flexure.carries == Carried::Body(body);
-    spec.body_from_displaced[body] == Isometry3::identity() && !spec.flexures.iter().any(behind)
+    spec.body_from_displaced[body] == Isometry3::identity()
+        && !spec.flexures.iter().any(behind)
+        && !spec.drives.iter().any(|drive| drive.body == body)
 }
 
 /// Name of a flexure's body.
@@ -172,6 +185,11 @@ pub(super) fn joint_name(spec: &PlantSpec, joint: usize) -> String {
 /// Name of one of a flexure's hinges and slides.
 pub(super) fn flexure_joint_name(flexure: usize, axis: usize) -> String {
     format!("flexure_{flexure}_{}", FLEXURE_AXES[axis])
+}
+
+/// Name of a drive's body, and of its hinge or slide.
+pub(super) fn drive_name(drive: usize) -> String {
+    format!("drive_{drive}")
 }
 
 /// Name of the body that stands for what hangs on a target, and of its site.
@@ -213,6 +231,7 @@ fn body(spec: &PlantSpec, index: usize, text: &mut String) {
     if index == 0 || !plain {
         open += usize::from(index > 0);
         flexures(spec, Carried::Body(index), &mut pose, &mut open, text);
+        drives(spec, index, &mut pose, &mut open, text);
         open_body(
             &body_name(spec, index),
             &(pose * spec.body_from_displaced[index]),
@@ -271,6 +290,26 @@ fn flexures(
             }
         }
         *pose = flexure.pivot.inverse();
+    }
+}
+
+/// Bodies for the drives of a body. `pose` as for flexures.
+fn drives(
+    spec: &PlantSpec,
+    body: usize,
+    pose: &mut Isometry3<f64>,
+    open: &mut usize,
+    text: &mut String,
+) {
+    let all = spec.drives.iter().enumerate();
+    for (index, drive) in all.filter(|(_, drive)| drive.body == body) {
+        let name = drive_name(index);
+        open_body(&name, pose, text);
+        inertial(TOKEN_MASS, &Vector3::zeros(), text);
+        let direction = Vector3::ith(drive.axis % 3, 1.0);
+        hinge(&name, DRIVE_AXES[drive.axis], &direction, 0.0, text);
+        *open += 1;
+        *pose = Isometry3::identity();
     }
 }
 

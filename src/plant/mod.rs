@@ -36,6 +36,8 @@ pub struct PlantSpec {
     pub stiffness: Vec<Option<f64>>,
     /// Further places where the structure gives way.
     pub flexures: Vec<Flexure>,
+    /// Further places that laws move, as they move joints: see [`PlantSpec::add_drive`].
+    pub drives: Vec<Drive>,
     /// Added to the commanded angles before the springs' rest positions are set.
     pub command_laws: Vec<CommandLaw>,
     /// Torques beside the springs', re-evaluated within the static solve.
@@ -70,6 +72,16 @@ pub struct Flexure {
     pub pivot: Isometry3<f64>,
     /// About x, y, z in N·m/rad, then along x, y, z in N/m; `None` is rigid.
     pub stiffness: [Option<f64>; 6],
+}
+
+/// A motion where the nominal robot is rigid: a hinge or slide without spring between a body and the joint that moves
+/// it, at zero but for the laws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Drive {
+    /// The body that it moves.
+    pub body: usize,
+    /// Along x, y, z (0 to 2, m) or about them (3 to 5, rad), in the frame that the body's joint moves.
+    pub axis: usize,
 }
 
 /// Where a flexure sits.
@@ -189,6 +201,7 @@ impl PlantSpec {
             body_from_displaced: vec![Isometry3::identity(); robot.bodies.len()],
             stiffness: vec![None; robot.joints.len()],
             flexures: Vec::new(),
+            drives: Vec::new(),
             command_laws: Vec::new(),
             torque_laws: Vec::new(),
             windup_laws: Vec::new(),
@@ -205,6 +218,13 @@ impl PlantSpec {
             sensor_laws: Vec::new(),
         }
     }
+
+    /// Adds a drive; the place of its position in the angles that [`CommandLaw`]s and [`WindupLaw`]s add to, where
+    /// the drives follow the joints.
+    pub fn add_drive(&mut self, body: usize, axis: usize) -> usize {
+        self.drives.push(Drive { body, axis });
+        self.robot.joints.len() + self.drives.len() - 1
+    }
 }
 
 /// A robot in MuJoCo. [`Plant::fork`] one for each thread.
@@ -215,7 +235,10 @@ pub struct Plant {
 
 /// What does not change between states, shared by all forks.
 struct Layout {
+    /// Joints, then drives.
     joints: Vec<JointAddress>,
+    /// How many of them are joints.
+    moving: usize,
     springs: Vec<Spring>,
     targets: Vec<TargetIds>,
     command_laws: Vec<CommandLaw>,
@@ -312,6 +335,7 @@ impl Plant {
         let layout = Arc::clone(&self.layout);
         layout.check(command)?;
         let mut rest = command.joints.clone();
+        rest.resize(layout.joints.len(), 0.0);
         for law in &layout.command_laws {
             law(command, &mut rest);
         }
@@ -446,6 +470,7 @@ impl Plant {
             joints: layout
                 .joints
                 .iter()
+                .take(layout.moving)
                 .map(|joint| self.data.qpos()[joint.qpos])
                 .collect(),
             base_from_link,
@@ -453,6 +478,7 @@ impl Plant {
             joint_torques: layout
                 .joints
                 .iter()
+                .take(layout.moving)
                 .zip(law_torques)
                 .map(|(joint, law)| applied[joint.dof] - law - bias[joint.dof])
                 .collect(),
@@ -496,6 +522,9 @@ impl Layout {
                 }
             }
         }
+        for index in 0..spec.drives.len() {
+            joints.push(model.joint(model.find(Kind::Joint, &mjcf::drive_name(index))?)?);
+        }
         let mut targets = Vec::new();
         for index in 0..spec.targets.len() {
             let name = mjcf::load_name(spec, index);
@@ -507,6 +536,7 @@ impl Layout {
         }
         Ok(Layout {
             joints,
+            moving: spec.robot.joints.len(),
             springs,
             targets,
             command_laws: spec.command_laws.clone(),
@@ -519,7 +549,7 @@ impl Layout {
 
     fn check(&self, command: &Command) -> Result<(), PlantError> {
         let wrong = |what: String| Err(PlantError::Command(what));
-        let joints = self.joints.len();
+        let joints = self.moving;
         for (what, values) in [
             ("angles", &command.joints),
             ("approach directions", &command.approach),

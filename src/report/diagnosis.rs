@@ -13,7 +13,7 @@ use std::fmt::Write;
 pub struct DiagnosisDocument {
     schema: &'static str,
     verdict: Verdict,
-    effects: Vec<&'static str>,
+    effects: Vec<String>,
     r#where: Vec<Where>,
     contrasts: Contrasts,
     candidates: Vec<Candidate>,

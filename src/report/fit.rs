@@ -192,7 +192,7 @@ fn parameter_tables(fit: &Fit, all: bool) -> String {
             let half = fit.std[k].map(|std| std * quantile);
             let status = fit.status[k].word().to_owned();
             if compliance {
-                let (value, interval) = stiffness(fit.values[k], half, parameter.unit);
+                let (value, interval) = stiffness(fit.values[k], half, &parameter.unit);
                 let shown = fit.status[k] != Status::Unobservable;
                 let dash = || "—".to_owned();
                 rows.add_row(vec![
@@ -217,7 +217,7 @@ fn parameter_tables(fit: &Fit, all: bool) -> String {
                         "—".to_owned()
                     },
                     half.map_or("—".to_owned(), number),
-                    parameter.unit.to_owned(),
+                    parameter.unit.clone(),
                     status,
                 ]);
             }

@@ -7,7 +7,7 @@ use serde::Serialize;
 #[derive(Debug, Serialize)]
 pub struct FitDocument {
     schema: &'static str,
-    effects: Vec<&'static str>,
+    effects: Vec<String>,
     readings: Readings,
     fit: Errors,
     heldout: Option<Errors>,
@@ -71,9 +71,9 @@ pub struct NoiseDocument {
 
 #[derive(Debug, Serialize)]
 struct ParameterRow {
-    effect: &'static str,
+    effect: String,
     name: String,
-    unit: &'static str,
+    unit: String,
     value: f64,
     std: Option<f64>,
     status: Status,
@@ -83,7 +83,12 @@ struct ParameterRow {
 pub fn fit(fit: &Fit, baseline: Option<&Fit>) -> FitDocument {
     FitDocument {
         schema: "misfit.fit/1",
-        effects: fit.model.terms.iter().map(|t| t.effect.id()).collect(),
+        effects: fit
+            .model
+            .terms
+            .iter()
+            .map(|t| t.effect.id().to_owned())
+            .collect(),
         readings: Readings {
             fit: fit.readings.0,
             heldout: fit.readings.1,
@@ -102,9 +107,9 @@ pub fn fit(fit: &Fit, baseline: Option<&Fit>) -> FitDocument {
             .parameters()
             .enumerate()
             .map(|(k, (effect, parameter))| ParameterRow {
-                effect,
+                effect: effect.to_owned(),
                 name: parameter.name.clone(),
-                unit: parameter.unit,
+                unit: parameter.unit.clone(),
                 value: fit.values[k],
                 std: fit.std[k],
                 status: fit.status[k],

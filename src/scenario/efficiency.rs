@@ -163,8 +163,12 @@ fn run(scenario: &Scenario) -> Result<(bool, Vec<Outcome>), ScenarioError> {
         message,
     };
     let campaign = simulate::simulate(scenario, || {})?;
-    let model = model_file::model(&campaign, scenario.effects.as_deref(), None)
-        .map_err(|error| form(error.to_string()))?;
+    let model = model_file::model(
+        &campaign,
+        scenario.effects.as_deref(),
+        scenario.model.as_deref(),
+    )
+    .map_err(|error| form(error.to_string()))?;
     let options = Options {
         cross_validate: false,
     };
@@ -230,13 +234,15 @@ pub struct Bound {
 /// If the plant or the model cannot be built.
 pub fn bounds(scenario: &Scenario) -> Result<Vec<Bound>, ScenarioError> {
     let campaign = simulate::simulate(scenario, || {})?;
-    let model =
-        model_file::model(&campaign, scenario.effects.as_deref(), None).map_err(|error| {
-            ScenarioError::Form {
-                file: scenario.file.clone(),
-                message: error.to_string(),
-            }
-        })?;
+    let model = model_file::model(
+        &campaign,
+        scenario.effects.as_deref(),
+        scenario.model.as_deref(),
+    )
+    .map_err(|error| ScenarioError::Form {
+        file: scenario.file.clone(),
+        message: error.to_string(),
+    })?;
     let truth = true_values(scenario, &model);
     let parameters: Vec<_> = model.parameters().collect();
     let free: Vec<usize> = (0..parameters.len())

@@ -115,11 +115,11 @@ pub struct Check {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
     /// Effect.
-    pub effect: &'static str,
+    pub effect: String,
     /// Parameter.
     pub name: String,
     /// SI unit.
-    pub unit: &'static str,
+    pub unit: String,
     /// What the plant had.
     pub truth: f64,
     /// What the fit found.
@@ -147,9 +147,9 @@ pub fn compare(scenario: &Scenario, fit: &Fit) -> Vec<Comparison> {
             };
             if let Some((effect, parameter)) = fit.model.parameters().nth(index) {
                 rows.push(Comparison {
-                    effect,
+                    effect: effect.to_owned(),
                     name: name.clone(),
-                    unit: parameter.unit,
+                    unit: parameter.unit.clone(),
                     truth: *value,
                     value: fit.values[index],
                     std: fit.std[index],

@@ -14,6 +14,7 @@ use crate::setup::Setup;
 use crate::sweep::spec::Blind;
 use design::Design;
 use expect::Expect;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 /// A scenario as read.
@@ -51,6 +52,8 @@ pub struct Scenario {
     pub design: Design,
     /// Words as for `--effects`; the default model if none.
     pub effects: Option<String>,
+    /// Model file as for `--model`, if one is named.
+    pub model: Option<PathBuf>,
     /// Campaigns of the efficiency study, if it is one.
     pub campaigns: Option<usize>,
     /// Also estimate by the paper's method, to compare?
@@ -87,6 +90,8 @@ pub struct Truth {
     pub effect: Arc<dyn AnyEffect>,
     /// Names and values of its parameters, SI.
     pub values: Vec<(String, f64)>,
+    /// Its options, as its table has them: for the truth's own file.
+    pub options: toml::Table,
 }
 
 /// Why there is no scenario, or nothing came of it.

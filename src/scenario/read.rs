@@ -8,7 +8,6 @@ use super::expect::Expect;
 use super::workspace::Workspace;
 use super::{Scenario, ScenarioError, Truth, presets};
 use crate::campaign::{Document, Noise, RobotFile};
-use crate::effects::AnyEffect;
 use crate::effects::table::{Choice, TableError, unique};
 use crate::robot::{Robot, RobotError};
 use crate::setup::Setup;
@@ -17,7 +16,7 @@ use nalgebra::Vector3;
 use rand::RngExt;
 use rand_distr::StandardNormal;
 use serde::Deserialize;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Readings of one campaign at most.
 const MOST_READINGS: usize = 1_000_000;
@@ -38,6 +37,7 @@ struct OwnKeys {
     #[serde(default)]
     instruments: InstrumentsEntry,
     effects: Option<Vec<String>>,
+    model: Option<PathBuf>,
     campaigns: Option<usize>,
     #[serde(default)]
     compare_paper: bool,
@@ -225,6 +225,7 @@ impl Scenario {
             link_from_target: settings.link_from_target,
             design,
             effects: own.effects.map(|names| names.join(",")),
+            model: own.model.map(|model| folder.join(model)),
             campaigns: own.campaigns,
             compare_paper: own.compare_paper,
             workspace: own.workspace,
@@ -480,19 +481,17 @@ pub(super) fn truths(
                 parameter.value += spread * parameter.typical * draw;
             }
         }
-        truths.push(truth(&choice.effect, parameters));
+        truths.push(truth(&choice, parameters));
         choices.push(choice);
     }
     unique(file, &choices).map_err(|error: TableError| ScenarioError::Table(error))?;
     Ok(truths)
 }
 
-fn truth(
-    effect: &std::sync::Arc<dyn AnyEffect>,
-    parameters: Vec<crate::effects::Parameter>,
-) -> Truth {
+fn truth(choice: &Choice, parameters: Vec<crate::effects::Parameter>) -> Truth {
     Truth {
-        effect: effect.clone(),
+        effect: choice.effect.clone(),
+        options: choice.options.clone(),
         values: parameters
             .into_iter()
             .map(|parameter| (parameter.name, parameter.value))

@@ -185,11 +185,17 @@ pub fn truth_text(scenario: &Scenario) -> String {
         "# What the plant of scenario {} had, seed {}. Scoring reads this; a fit never does.\n",
         scenario.name, scenario.seed
     );
-    for Truth { effect, values } in &scenario.truth {
-        text += &format!(
-            "\n[[effect]]\nkind = \"{}\"\n[effect.values]\n",
-            effect.id()
-        );
+    for Truth {
+        effect,
+        values,
+        options,
+    } in &scenario.truth
+    {
+        text += &format!("\n[[effect]]\nkind = \"{}\"\n", effect.kind());
+        for (key, value) in options {
+            text += &format!("{key} = {value}\n");
+        }
+        text += "[effect.values]\n";
         for (name, value) in values {
             text += &format!("{} = {value:?}\n", toml::Value::from(name.as_str()));
         }

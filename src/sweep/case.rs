@@ -97,7 +97,7 @@ pub struct Case {
     /// The plant.
     pub plant: PlantSpec,
     /// Ids of the hidden effects, or the name of one outside the catalogue.
-    pub hidden: Vec<&'static str>,
+    pub hidden: Vec<String>,
     /// Largest parameter of each, typical sizes (sizes of the law outside the catalogue).
     pub sizes: Vec<f64>,
     /// Signal of each, beside the base model and the other hidden effect.
@@ -193,10 +193,10 @@ pub fn draw(scenario: &Scenario, number: usize) -> Result<Case, CaseError> {
 }
 
 impl Hidden {
-    fn name(&self) -> &'static str {
+    fn name(&self) -> String {
         match self {
-            Self::Effect { effect, .. } => effect.id(),
-            Self::Outside(outside) => outside.name(),
+            Self::Effect { effect, .. } => effect.id().to_owned(),
+            Self::Outside(outside) => outside.name().to_owned(),
         }
     }
 }
@@ -323,6 +323,7 @@ fn truths(hidden: &[Hidden], sizes: &[f64]) -> Vec<Truth> {
                 .iter()
                 .map(|(name, value)| (name.clone(), value * size))
                 .collect(),
+            options: toml::Table::new(),
         }),
         Hidden::Outside(_) => None,
     };

@@ -167,9 +167,9 @@ pub fn judge(case: &Case, found: &Diagnosis) -> Outcome {
     let hidden = &case.hidden;
     let known = crate::effects::CATALOGUE
         .iter()
-        .any(|entry| hidden.contains(&entry.id));
-    let set = |names: &[&str]| {
-        let mut names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        .any(|entry| hidden.iter().any(|id| id == entry.id));
+    let set = |names: &[String]| {
+        let mut names = names.to_vec();
         names.sort();
         names
     };
@@ -185,9 +185,9 @@ pub fn judge(case: &Case, found: &Diagnosis) -> Outcome {
             if !hidden.is_empty() && hidden.iter().all(|id| found.effects.contains(id)) =>
         {
             // no more in the set than what imitates a hidden one exactly
-            let imitates = |id: &&str| {
+            let imitates = |id: &str| {
                 let mut aliases = hidden.iter().filter_map(|id| crate::effects::find(id));
-                aliases.any(|entry| entry.aliases.contains(id))
+                aliases.any(|entry| entry.aliases.contains(&id))
             };
             let mut others = found.effects.iter().filter(|id| !hidden.contains(id));
             if others.all(|id| imitates(id)) {
