@@ -21,6 +21,7 @@ pub(crate) use check::plain_file_name;
 pub(crate) use document::{Document, render as render_document};
 pub(crate) use files::{read_at_most, write_atomically};
 pub(crate) use row::unit_quaternion;
+pub(crate) use units::to_inner;
 
 use crate::robot::Robot;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};

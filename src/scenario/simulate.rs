@@ -2,9 +2,10 @@
 //!
 //! The truth goes into the plant and into a file of its own; the campaign holds readings only.
 
-use super::design::{Visit, generator, stream, visits};
+use super::design::{Visit, stream, visits};
 use super::{Scenario, ScenarioError, Truth};
 use crate::campaign::{Campaign, Payload, Reading, Split};
+use crate::plan::space::generator;
 use crate::plant::instruments::{Draws, read};
 use crate::plant::{Command, Plant, PlantError, PlantSpec};
 use nalgebra::Vector3;
