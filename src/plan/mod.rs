@@ -118,13 +118,14 @@ impl<'a> Task<'a> {
     pub fn after(fit: &'a Fit, readings: &'a [&'a Reading], poses: usize) -> Self {
         let setup = &fit.model.setup;
         let mut space = Space::within_limits(&setup.robot, 0.05);
-        let first = readings.first().map(|reading| &reading.joints);
-        let several = readings.iter().any(|r| Some(&r.joints) != first);
-        for joint in 0..space.ranges.len() {
+        let protocol = Protocol::of(setup, readings);
+        let first = readings.first().map(|reading| &reading.joints[..]);
+        space.park(setup, &protocol.targets, first);
+        let several = readings.iter().any(|r| Some(&r.joints[..]) != first);
+        for (joint, range) in space.ranges.iter_mut().enumerate() {
             let at = first.map_or(0.0, |joints| joints[joint]);
-            let moved = readings.iter().any(|reading| reading.joints[joint] != at);
-            if (several && !moved) || !setup.observed.contains(&joint) {
-                space.ranges[joint] = (at, at);
+            if several && readings.iter().all(|r| r.joints[joint] == at) {
+                *range = (at, at);
             }
         }
         let heights = readings
@@ -136,7 +137,7 @@ impl<'a> Task<'a> {
             values: &fit.values,
             noise: times(&fit.noise.shape, fit.noise.factor.sqrt()),
             measured: readings,
-            protocol: Protocol::of(setup, readings),
+            protocol,
             space,
             poses,
             candidates: 200,
@@ -238,6 +239,31 @@ impl Information {
             .map(|_| exchange::draw(self.candidates.len(), poses, &mut random))
             .collect()
     }
+}
+
+/// Proposed poses as readings still to be taken, in an order that changes the load as seldom as can be. Poses are
+/// labelled `plan001`, …; what instruments will read is as the model foresees it.
+pub fn visits(task: &Task<'_>, poses: &[Vec<f64>]) -> Vec<Reading> {
+    let mut visits = Vec::new();
+    for load in &task.protocol.loads {
+        let one = Protocol {
+            loads: vec![*load],
+            ..task.protocol.clone()
+        };
+        for (pose, joints) in poses.iter().enumerate() {
+            let readings = foreseen(task.model, task.values, one.readings(joints));
+            for reading in readings.unwrap_or_default() {
+                for repeat in 0..one.repeats {
+                    visits.push(Reading {
+                        pose: Some(format!("plan{:03}", pose + 1)),
+                        repeat: Some(format!("{}", repeat + 1)),
+                        ..reading.clone()
+                    });
+                }
+            }
+        }
+    }
+    visits
 }
 
 /// Random postures of the task's space.

@@ -43,6 +43,18 @@ impl Space {
         }
     }
 
+    /// Lets joints that none of these targets hangs on stay where they are in a posture, or nearest to zero.
+    pub fn park(&mut self, setup: &Setup, targets: &[usize], at: Option<&[f64]>) {
+        let chain = |&target: &usize| setup.robot.chain(setup.target_body(target));
+        let moving: Vec<usize> = targets.iter().flat_map(chain).collect();
+        for (joint, range) in self.ranges.iter_mut().enumerate() {
+            if !moving.contains(&joint) {
+                let angle = at.map_or(0.0_f64.max(range.0).min(range.1), |at| at[joint]);
+                *range = (angle, angle);
+            }
+        }
+    }
+
     /// Is a posture allowed?
     pub fn allows(&self, setup: &Setup, joints: &[f64]) -> bool {
         let inside = |&(joint, lower, upper): &(usize, f64, f64)| {

@@ -6,4 +6,5 @@ pub mod format;
 pub mod json;
 pub mod ladder;
 pub mod paper;
+pub mod plan;
 pub mod run;

@@ -83,7 +83,12 @@ pub fn simulate(
             reading
         })
         .map_err(plant)?;
-    Ok(Campaign {
+    Ok(campaign(scenario, readings))
+}
+
+/// Readings with what a scenario says of how they were taken.
+pub(super) fn campaign(scenario: &Scenario, readings: Vec<Reading>) -> Campaign {
+    Campaign {
         name: scenario.name.clone(),
         robot: scenario.setup.robot.clone(),
         robot_file: scenario.robot_file.clone(),
@@ -94,7 +99,7 @@ pub fn simulate(
         noise: scenario.state_noise.then_some(scenario.noise),
         readings,
         warnings: Vec::new(),
-    })
+    }
 }
 
 /// When a reading is taken.
