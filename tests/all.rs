@@ -12,6 +12,7 @@ mod equilibrium;
 mod fit;
 mod house;
 mod kinematics;
+mod plan;
 mod plant;
 mod recording;
 mod robot;

@@ -420,15 +420,10 @@ fn deviations(ground: &Ground<'_>, found: &Precision) -> String {
 }
 
 fn curve(found: &Precision) -> String {
-    let mut rows = table(
-        &["poses", "proposed", "random", "position error left"],
-        &[0, 1, 2],
-    );
-    let largest = found.curve.iter().map(|s| s.random_accuracy_m);
-    let largest = largest.fold(f64::MIN_POSITIVE, f64::max);
+    let mut rows = table(&["poses", "proposed", "random", ""], &[0, 1, 2]);
     for step in &found.curve {
-        // small ones matter: by the logarithm over two decades
-        let share = 1.0 + (step.accuracy_m / largest).log10() / 2.0;
+        // a full bar is the noise of a reading, or more
+        let share = step.accuracy_m / found.noise;
         rows.add_row(vec![
             step.poses.to_string(),
             length(step.accuracy_m),
@@ -564,8 +559,8 @@ fn verdict(ground: &Ground<'_>, way: &Way) -> String {
             }
         }
         Outlook::Never => format!(
-            "{effect}: no poses can tell it from {other}, which does all that it does; another kind of measurement \
-             must (misfit effects show {effect})"
+            "{effect}: no poses can tell it from {other}, which takes up all of it; another kind of measurement must \
+             (misfit effects show {effect})"
         ),
     }
 }
@@ -582,13 +577,9 @@ fn next(ground: &Ground<'_>, result: &Result) -> String {
         {
             format!("next     misfit effects show {}", found.ways[0].effect)
         }
-        (None, Result::Separation { found, .. }) => format!(
-            "next     misfit plan {} --separate {},{} --csv poses.csv",
-            ground.origin, found.ways[0].effect, found.ways[0].other
-        ),
-        (None, Result::Precision { .. }) => format!(
-            "next     misfit plan {} --poses {} --csv poses.csv",
-            ground.origin, ground.task.poses
+        (None, _) => format!(
+            "next     misfit plan {} … --csv poses.csv     (the same again: it writes the commands of these poses)",
+            ground.origin
         ),
     };
     wrap(&line, 9) + "\n"
