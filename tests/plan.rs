@@ -190,18 +190,23 @@ fn what_tells_apart_is_what_a_projection_leaves() {
 fn observability_indices_are_those_of_the_singular_values() {
     // by hand: singular values 6, 3, 2 from 9 rows; the fourth is too small to count
     let information = DMatrix::from_diagonal(&nalgebra::dvector![9.0, 36.0, 0.01, 4.0]);
-    let found = indices(&information, 9);
-    assert_eq!(found.directions, 3);
+    let found = indices(&information, 9, 10);
+    assert_eq!((found.directions, found.over), (3, 3));
     let close = |a: f64, b: f64| assert!((a - b).abs() < 1e-12, "{a} {b}");
     close(found.o1, 36f64.cbrt() / 3.0);
     close(found.o2, 1.0 / 3.0);
     close(found.o3, 2.0);
     close(found.o4, 2.0 / 3.0);
     close(found.o5, 1.0);
+    // the two strongest alone
+    let two = indices(&information, 9, 2);
+    assert_eq!((two.directions, two.over), (3, 2));
+    close(two.o1, 18f64.sqrt() / 3.0);
+    close(two.o3, 3.0);
     // other formulas: a determinant, operator norms, the trace of a covariance's root
     let jacobian = normal(30, 5, &mut random(1));
     let information = jacobian.transpose() * &jacobian;
-    let found = indices(&information, 30);
+    let found = indices(&information, 30, 5);
     let inverse = information.clone().try_inverse().unwrap();
     let norm = |m: &DMatrix<f64>| {
         // power iteration
@@ -225,7 +230,7 @@ fn observability_indices_are_those_of_the_singular_values() {
         y = next;
     }
     near(found.o5, 1.0 / y.trace());
-    assert_eq!(indices(&DMatrix::zeros(2, 2), 0).directions, 0);
+    assert_eq!(indices(&DMatrix::zeros(2, 2), 0, 2).directions, 0);
 }
 
 /// One arm of the SDA5F whose links weigh nothing: what a load does is then a deflection, with no sag beside it.

@@ -59,7 +59,7 @@ pub struct Arguments {
     #[arg(long, value_name = "LIMITS.toml")]
     limits: Option<PathBuf>,
     /// Payloads to measure with, kg; their centre is that of the heaviest known one.
-    #[arg(long, value_name = "KG,KG,…")]
+    #[arg(long, value_name = "KG,KG,…", allow_hyphen_values = true)]
     loads: Option<String>,
     /// Targets to measure; all if left out.
     #[arg(long, value_name = "A,B,…")]
@@ -153,7 +153,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             let of = interest(arguments.of.as_deref(), &spec.model)?;
             Planned::Precision {
                 aim,
-                found: plan::precise(&task, aim, &of, say)?,
+                found: Box::new(plan::precise(&task, aim, &of, say)?),
                 of,
             }
         }

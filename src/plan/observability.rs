@@ -2,8 +2,9 @@
 //!
 //! `s₁ ≥ … ≥ s_L` are the singular values of the whitened Jacobian with columns in typical sizes, `m` its rows. Only
 //! directions that count (`s` of `WEAK` and more) take part: with gauge freedoms, as between geometry and
-//! frames, all indices but O1 would otherwise be zero or rounding. `L` is printed beside them; indices of different
-//! `L` do not compare.
+//! frames, all indices would otherwise be zero or rounding. Indices of different `L` do not compare: of two designs the
+//! one that fixes more directions would look worse for the weakest of them. So designs are compared over the strongest
+//! directions of each, as many as all of them fix.
 //!
 //! | index | | source |
 //! |---|---|---|
@@ -31,14 +32,19 @@ pub struct Observability {
     pub o5: f64,
     /// Directions that count.
     pub directions: usize,
+    /// The strongest of them, over which the indices are taken.
+    pub over: usize,
 }
 
-/// The indices of an information matrix `JᵀJ` from so many rows; all zero if no direction counts.
-pub fn indices(information: &DMatrix<f64>, rows: usize) -> Observability {
+/// The indices of an information matrix `JᵀJ` from so many rows over its `most` strongest directions at most; all zero
+/// if no direction counts.
+pub fn indices(information: &DMatrix<f64>, rows: usize, most: usize) -> Observability {
     let eigen = information.clone().symmetric_eigenvalues();
     let mut values: Vec<f64> = eigen.iter().map(|value| value.max(0.0).sqrt()).collect();
     values.retain(|&s| s >= WEAK);
     values.sort_by(|a, b| b.total_cmp(a));
+    let directions = values.len();
+    values.truncate(most);
     let (Some(&first), Some(&last)) = (values.first(), values.last()) else {
         return Observability {
             o1: 0.0,
@@ -46,7 +52,8 @@ pub fn indices(information: &DMatrix<f64>, rows: usize) -> Observability {
             o3: 0.0,
             o4: 0.0,
             o5: 0.0,
-            directions: 0,
+            directions,
+            over: 0,
         };
     };
     let count = values.len() as f64;
@@ -57,6 +64,7 @@ pub fn indices(information: &DMatrix<f64>, rows: usize) -> Observability {
         o3: last,
         o4: last * last / first,
         o5: 1.0 / values.iter().map(|s| 1.0 / s).sum::<f64>(),
-        directions: values.len(),
+        directions,
+        over: values.len(),
     }
 }

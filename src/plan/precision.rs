@@ -140,15 +140,19 @@ pub fn precise(
             random_accuracy_m: plan.accuracy(&information.of(&random[random.len() / 2])),
         });
     }
-    let before = (!task.measured.is_empty()).then(|| plan.figures(&[]));
+    let random = &random[random.len() / 2];
+    // indices over the directions that both designs fix
+    let directions = |design: &[usize]| plan.figures(design, usize::MAX).observability.directions;
+    let most = directions(&taken).min(directions(random));
+    let before = (!task.measured.is_empty()).then(|| plan.figures(&[], most));
     let reach = noise * ((1.0 + NOTHING_GAINED).powi(2) - 1.0).sqrt();
     Ok(Precision {
         poses: taken
             .iter()
             .map(|&k| information.postures[k].clone())
             .collect(),
-        proposed: plan.figures(&taken),
-        random: plan.figures(&random[random.len() / 2]),
+        proposed: plan.figures(&taken, most),
+        random: plan.figures(random, most),
         enough: enough(before.as_ref().map(|b| b.accuracy), &curve, reach),
         measured: before,
         noise,
@@ -202,7 +206,7 @@ impl Plan<'_> {
         (-variances.value(information)).max(0.0).sqrt()
     }
 
-    fn figures(&self, taken: &[usize]) -> Figures {
+    fn figures(&self, taken: &[usize], most: usize) -> Figures {
         let information = self.information.of(taken);
         let (each, measured) = self.information.rows;
         let mut std = vec![None; self.task.values.len()];
@@ -221,7 +225,7 @@ impl Plan<'_> {
             }
         }
         Figures {
-            observability: indices(&information, measured + each * taken.len()),
+            observability: indices(&information, measured + each * taken.len(), most),
             accuracy: self.accuracy(&information),
             std,
         }

@@ -139,8 +139,11 @@ fn number(value: &Value) -> Option<f64> {
     value.as_float().or(value.as_integer().map(|i| i as f64))
 }
 
+/// From the unit of a key to rad or m.
+type ToInner = fn(f64) -> f64;
+
 /// The joint that a key names, and the way from its unit to rad or m.
-fn joint(robot: &Robot, place: &str, key: &str) -> Result<(usize, fn(f64) -> f64), String> {
+fn joint(robot: &Robot, place: &str, key: &str) -> Result<(usize, ToInner), String> {
     let split = key.rsplit_once('_');
     let found = split.and_then(|(name, unit)| {
         let joint = robot.joint(name)?;

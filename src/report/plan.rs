@@ -33,7 +33,7 @@ pub enum Result {
         /// Effects whose parameters count; none for all.
         of: Vec<&'static str>,
         /// The poses and what they are worth.
-        found: Precision,
+        found: Box<Precision>,
     },
     /// Poses that tell two effects apart.
     Separation {
@@ -317,7 +317,7 @@ fn precision(ground: &Ground<'_>, aim: Aim, of: &[&str], found: &Precision) -> S
     );
     let (p, q) = (&a.observability, &b.observability);
     row(
-        "directions fixed",
+        &format!("directions fixed (indices over {})", a.observability.over),
         |f| f.observability.directions.to_string(),
         String::new(),
     );
@@ -522,7 +522,7 @@ fn lambda(value: f64) -> String {
 
 /// A share that is never rounded to everything or nothing.
 fn percent(share: f64) -> String {
-    if share >= 0.9995 && share < 1.0 {
+    if (0.9995..1.0).contains(&share) {
         "> 99.9 %".to_owned()
     } else {
         format!("{} %", number(100.0 * share))
