@@ -420,6 +420,10 @@ fn readings_measured_already_count() {
             (a, b) => assert_eq!(a, b),
         }
     }
+    // a label means one pose, in whatever campaign
+    let next = plan::visits(&then, &found.poses);
+    assert_eq!(measured[5].pose.as_deref(), Some("plan006"));
+    assert_eq!(next[0].pose.as_deref(), Some("plan007"));
     for (before, after) in before.std.iter().zip(&found.proposed.std) {
         assert!(before.is_none() || after.unwrap() < before.unwrap());
     }
@@ -511,6 +515,28 @@ fn a_planned_design_is_worth_what_simulated_campaigns_say() {
     let mean = squares / count as f64;
     println!("mean z² {mean:.3} of {count}");
     assert!((0.8..1.2).contains(&mean), "{mean}");
+}
+
+#[test]
+fn enough_poses_are_as_many_as_the_curve_needs() {
+    let (model, values) = six_axis_model();
+    let error = |step: &plan::Step, noise: f64| step.accuracy_m.hypot(noise) / noise;
+    // asked for few or many, the answer is about the same, and lies where the error passes 5 % above the noise
+    let mut answers = Vec::new();
+    for poses in [6, 40] {
+        let found = precise(&whole(&model, &values, poses), Aim::A, &[], |_| {}).unwrap();
+        let enough = found.enough.unwrap();
+        let passed = |step: &&plan::Step| error(step, found.noise) <= 1.05;
+        let first = found.curve.iter().find(passed).unwrap();
+        let before = found.curve.iter().rfind(|step| !passed(step)).unwrap();
+        assert!(
+            before.poses < enough && enough <= first.poses,
+            "{enough} {:?}",
+            found.curve
+        );
+        answers.push(enough as f64);
+    }
+    assert!((answers[0] / answers[1] - 1.0).abs() < 0.5, "{answers:?}");
 }
 
 #[test]

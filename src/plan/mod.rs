@@ -21,6 +21,7 @@ pub use separation::{DECISIVE, Outlook, Separation, Way, separate};
 use crate::campaign::{Noise, Reading, Wrench};
 use crate::fit::{CampaignProblem, Fit, noise};
 use crate::model::{Model, Workspace};
+use criterion::Criterion;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use space::{Space, generator};
@@ -232,18 +233,43 @@ impl Information {
         exchange::information(&self.measured, &self.candidates, taken)
     }
 
-    /// Random designs of so many poses.
-    fn random_designs(&self, poses: usize, seed: u64) -> Vec<Vec<usize>> {
+    /// Random designs of so many poses, the best first.
+    fn random_designs(
+        &self,
+        criterion: &dyn Criterion,
+        poses: usize,
+        seed: u64,
+    ) -> Vec<Vec<usize>> {
         let mut random = generator(seed, stream::DESIGNS);
-        (0..RANDOM_DESIGNS)
+        let mut valued: Vec<(f64, Vec<usize>)> = (0..RANDOM_DESIGNS)
             .map(|_| exchange::draw(self.candidates.len(), poses, &mut random))
-            .collect()
+            .map(|design| (criterion.value(&self.of(&design)), design))
+            .collect();
+        valued.sort_by(|a, b| b.0.total_cmp(&a.0));
+        valued.into_iter().map(|(_, design)| design).collect()
+    }
+
+    /// The best design that exchanges reach from these.
+    fn best(&self, criterion: &dyn Criterion, starts: &[Vec<usize>]) -> Vec<usize> {
+        let mut best = (f64::NEG_INFINITY, Vec::new());
+        for start in starts {
+            let taken =
+                exchange::exchange(criterion, &self.measured, &self.candidates, start.clone());
+            let value = criterion.value(&self.of(&taken));
+            if value > best.0 {
+                best = (value, taken);
+            }
+        }
+        best.1
     }
 }
 
 /// Proposed poses as readings still to be taken, in an order that changes the load as seldom as can be. Poses are
-/// labelled `plan001`, …; what instruments will read is as the model foresees it.
+/// labelled `plan001`, … and go on where the labels of what is measured end; what instruments will read is as the
+/// model foresees it.
 pub fn visits(task: &Task<'_>, poses: &[Vec<f64>]) -> Vec<Reading> {
+    let number = |reading: &&Reading| reading.pose.as_ref()?.strip_prefix("plan")?.parse().ok();
+    let labelled: usize = task.measured.iter().filter_map(number).max().unwrap_or(0);
     let mut visits = Vec::new();
     for load in &task.protocol.loads {
         let one = Protocol {
@@ -255,7 +281,7 @@ pub fn visits(task: &Task<'_>, poses: &[Vec<f64>]) -> Vec<Reading> {
             for reading in readings.unwrap_or_default() {
                 for repeat in 0..one.repeats {
                     visits.push(Reading {
-                        pose: Some(format!("plan{:03}", pose + 1)),
+                        pose: Some(format!("plan{:03}", labelled + pose + 1)),
                         repeat: Some(format!("{}", repeat + 1)),
                         ..reading.clone()
                     });

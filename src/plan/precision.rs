@@ -1,7 +1,6 @@
 //! Poses that make parameters precise: D- or A-optimal, and how much more poses would bring.
 
 use super::criterion::{Criterion, Determinant, Variances, covariance};
-use super::exchange::exchange;
 use super::observability::{Observability, indices};
 use super::{Information, PlanError, Task, foreseen, of_readings, postures, stream};
 use crate::campaign::Reading;
@@ -123,29 +122,40 @@ pub fn precise(
         weight: &weight,
     };
     on_step("exchanging poses");
-    let random = plan.ranked(criterion.as_ref(), task.poses);
-    let taken = plan.best(criterion.as_ref(), &random);
-    let mut curve = Vec::new();
-    for count in steps(task.poses, information.candidates.len()) {
+    let criterion = criterion.as_ref();
+    let designs = |poses: usize| information.random_designs(criterion, poses, task.seed);
+    let random = designs(task.poses);
+    let taken = information.best(criterion, &random[..STARTS]);
+    let reach = noise * ((1.0 + NOTHING_GAINED).powi(2) - 1.0).sqrt();
+    let mut step = |count: usize| {
         on_step(&format!("{count} poses"));
-        let random = plan.ranked(criterion.as_ref(), count);
+        let random = designs(count);
         let chosen = if count == task.poses {
             taken.clone()
         } else {
-            plan.best(criterion.as_ref(), &random[..1])
+            information.best(criterion, &random[..1])
         };
-        curve.push(Step {
+        Step {
             poses: count,
             accuracy_m: plan.accuracy(&information.of(&chosen)),
             random_accuracy_m: plan.accuracy(&information.of(&random[random.len() / 2])),
-        });
+        }
+    };
+    let counts = steps(task.poses, information.candidates.len());
+    let mut curve: Vec<Step> = counts.into_iter().map(&mut step).collect();
+    // down to where the poses are too few
+    while let Some(first) = curve.first()
+        && first.accuracy_m <= reach
+        && first.poses > 1
+    {
+        let fewer = step(first.poses / 2);
+        curve.insert(0, fewer);
     }
     let random = &random[random.len() / 2];
     // indices over the directions that both designs fix
     let directions = |design: &[usize]| plan.figures(design, usize::MAX).observability.directions;
     let most = directions(&taken).min(directions(random));
     let before = (!task.measured.is_empty()).then(|| plan.figures(&[], most));
-    let reach = noise * ((1.0 + NOTHING_GAINED).powi(2) - 1.0).sqrt();
     Ok(Precision {
         poses: taken
             .iter()
@@ -169,35 +179,6 @@ struct Plan<'a> {
 }
 
 impl Plan<'_> {
-    /// Random designs of so many poses, the best first.
-    fn ranked(&self, criterion: &dyn Criterion, poses: usize) -> Vec<Vec<usize>> {
-        let designs = self.information.random_designs(poses, self.task.seed);
-        let mut valued: Vec<(f64, Vec<usize>)> = designs
-            .into_iter()
-            .map(|design| (criterion.value(&self.information.of(&design)), design))
-            .collect();
-        valued.sort_by(|a, b| b.0.total_cmp(&a.0));
-        valued.into_iter().map(|(_, design)| design).collect()
-    }
-
-    /// The best design that exchanges reach from the first few of these.
-    fn best(&self, criterion: &dyn Criterion, ranked: &[Vec<usize>]) -> Vec<usize> {
-        let mut best = (f64::NEG_INFINITY, Vec::new());
-        for start in ranked.iter().take(STARTS) {
-            let taken = exchange(
-                criterion,
-                &self.information.measured,
-                &self.information.candidates,
-                start.clone(),
-            );
-            let value = criterion.value(&self.information.of(&taken));
-            if value > best.0 {
-                best = (value, taken);
-            }
-        }
-        best.1
-    }
-
     /// Root mean square position error at the test poses, m.
     fn accuracy(&self, information: &DMatrix<f64>) -> f64 {
         let variances = Variances {

@@ -4,7 +4,6 @@
 //! one of two where λ is some tens.
 
 use super::criterion::Apart;
-use super::exchange::exchange;
 use super::{Information, PlanError, Task, median};
 use crate::effects::AnyEffect;
 use crate::model::Model;
@@ -107,26 +106,16 @@ pub fn separate(
     let (free, criterion) = columns(&model, effects, sizes)?;
     let information = Information::gather(task, &model, &values, &free)?;
     let none = || PlanError::Measured;
-    let designs = information.random_designs(task.poses, task.seed);
+    let designs = information.random_designs(&criterion, task.poses, task.seed);
     let mut random = [Vec::new(), Vec::new()];
-    let mut start = (f64::NEG_INFINITY, Vec::new());
-    for design in designs {
+    for design in &designs {
         let lambdas = criterion
-            .lambdas(&information.of(&design))
+            .lambdas(&information.of(design))
             .ok_or_else(none)?;
-        let value = lambdas[0].ln_1p() + lambdas[1].ln_1p();
         random[0].push(lambdas[0]);
         random[1].push(lambdas[1]);
-        if value > start.0 {
-            start = (value, design);
-        }
     }
-    let taken = exchange(
-        &criterion,
-        &information.measured,
-        &information.candidates,
-        start.1,
-    );
+    let taken = information.best(&criterion, &designs[..1]);
     let measured = criterion.lambdas(&information.measured).ok_or_else(none)?;
     let best = information.of(&taken);
     let proposed = criterion.lambdas(&best).ok_or_else(none)?;
