@@ -10,8 +10,9 @@ use misfit::campaign::{Campaign, Split};
 use misfit::fit::{Options, fit};
 use misfit::model::{Model, Rows, Workspace};
 use misfit::model_file;
+use misfit::plan::{Aim, Task, precise, separate};
 use misfit::plant::{Command, Plant};
-use misfit::scenario::{Scenario, design, simulate};
+use misfit::scenario::{Scenario, design, planned, simulate};
 use std::path::Path;
 
 const OPTIONS: Options = Options {
@@ -128,5 +129,39 @@ fn recording(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, fits, model, statics, recording);
+/// Plans on one core, as a study that plans many of them at once has it.
+fn plans(c: &mut Criterion) {
+    let scenario = Scenario::load(Path::new("scenarios/hidden.toml")).unwrap();
+    let (protocol, campaign) = planned(&scenario).unwrap();
+    let model = model_file::model(&campaign, None, None).unwrap();
+    let values = true_values(&scenario, &model);
+    let task = Task {
+        model: &model,
+        values: &values,
+        noise: scenario.noise,
+        measured: &[],
+        protocol,
+        space: scenario.design.space.clone(),
+        poses: 15,
+        candidates: 200,
+        seed: 1,
+    };
+    let effect = |id: &str| misfit::effects::find(id).unwrap().make(toml::Table::new());
+    let pair = ["joint_hardening", "gravity_backlash"].map(|id| effect(id).unwrap());
+    let one = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap();
+    let mut group = c.benchmark_group("plan, 15 of 200 poses of sda5f's r1, 2 loads, 2 directions");
+    group.sample_size(10);
+    group.bench_function("tell two effects apart", |b| {
+        b.iter(|| one.install(|| separate(&task, [&pair[0], &pair[1]], [None, None]).unwrap()));
+    });
+    group.bench_function("D-optimal, with the curve", |b| {
+        b.iter(|| one.install(|| precise(&task, Aim::D, &[], |_| {}).unwrap()));
+    });
+    group.finish();
+}
+
+criterion_group!(benches, fits, model, statics, recording, plans);
 criterion_main!(benches);

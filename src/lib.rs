@@ -12,6 +12,7 @@ pub mod ladder;
 pub mod model;
 pub mod model_file;
 pub mod mujoco;
+pub mod plan;
 pub mod plant;
 pub mod posture;
 pub mod recording;

@@ -14,6 +14,7 @@ mod fit;
 mod formula;
 mod house;
 mod kinematics;
+mod plan;
 mod plant;
 mod recording;
 mod robot;

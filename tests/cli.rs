@@ -1612,3 +1612,206 @@ fn diagnose_and_ladder_keep_their_contract() {
         }
     }
 }
+
+/// Columns of a table by name.
+fn table_of(path: &Path) -> (Vec<String>, Vec<Vec<String>>) {
+    let mut reader = csv::Reader::from_path(path).unwrap();
+    let words = |record: &csv::StringRecord| record.iter().map(str::to_owned).collect();
+    let header = words(reader.headers().unwrap());
+    let rows = reader.records().map(|row| words(&row.unwrap())).collect();
+    (header, rows)
+}
+
+#[test]
+fn a_plan_is_commands_for_the_next_campaign() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    write(at, "cell.toml", &cell());
+    // before anything is measured
+    let words = ["plan", "cell.toml", "--poses", "6", "--csv", "first.csv"];
+    let said = done(at, &words);
+    for part in [
+        "6 poses",
+        "loads of 0, 40.0 kg",
+        "24 readings",
+        "O1",
+        "enough",
+        "next",
+    ] {
+        assert!(said.contains(part), "no {part} in {said}");
+    }
+    assert_eq!(said, done(at, &words), "the same again");
+    let (header, rows) = table_of(&at.join("first.csv"));
+    let expected = "pose repeat a1_rad a2_rad a3_rad a4_rad a5_rad a6_rad payload_kg payload_x_m payload_y_m payload_z_m";
+    assert_eq!(header.join(" "), expected);
+    assert_eq!(rows.len(), 24);
+    // the load changes once
+    let masses: Vec<f64> = rows.iter().map(|row| row[8].parse().unwrap()).collect();
+    assert_eq!(masses, [[0.0; 12], [40.0; 12]].concat());
+    assert_eq!(rows[0][2..8], rows[12][2..8]);
+    // the table is a campaign's but for what is measured
+    let robot = fs::read_to_string(SIX_AXIS).unwrap();
+    write(at, "arm.urdf", &robot);
+    let text = fs::read_to_string(at.join("first.csv")).unwrap();
+    let mut lines = text.lines();
+    let mut filled = format!("{},x_m,y_m,z_m\n", lines.next().unwrap());
+    for line in lines {
+        filled += &format!("{line},1,0,1\n");
+    }
+    write(at, "filled.csv", &filled);
+    let campaign = "robot = \"arm.urdf\"\ntable = \"filled.csv\"\n[[target]]\nname = \"t\"\nlink = \"flange\"\n";
+    write(at, "filled.toml", campaign);
+    assert_eq!(
+        misfit::campaign::Campaign::load(&at.join("filled.toml"))
+            .unwrap()
+            .readings
+            .len(),
+        24
+    );
+    // after a campaign: its readings count, its loads and repeats are taken over
+    done(at, &["simulate", "cell.toml"]);
+    let document = |words: &[&str]| -> Value {
+        let all = [&["plan", "cell.mcap", "--json", "--poses", "5"], words].concat();
+        serde_json::from_str(&done(at, &all)).unwrap()
+    };
+    let next = document(&[]);
+    assert_eq!(next["schema"], "misfit.plan/1");
+    assert_eq!(next["measured"], 40);
+    assert_eq!(next["readings"], 20);
+    assert_eq!(next["poses"].as_array().unwrap().len(), 5);
+    assert!(next["separation"].is_null());
+    let precision = &next["precision"];
+    let accuracy = |of: &str| precision[of]["accuracy_m"].as_f64().unwrap();
+    assert!(accuracy("proposed") < accuracy("measured"));
+    let scratch = document(&["--from-scratch"]);
+    assert_eq!(scratch["measured"], 0);
+    assert!(scratch["precision"]["measured"].is_null());
+    // two effects, the same pair as in the campaign's own diagnosis
+    let apart = document(&[
+        "--separate",
+        "bearing_tilt,link_flexibility",
+        "--loads",
+        "0,20,60",
+    ]);
+    assert!(apart["precision"].is_null());
+    assert_eq!(apart["separation"]["sizes"], "fitted");
+    assert_eq!(apart["protocol"]["loads"][2]["mass_kg"], 60.0);
+    assert_eq!(apart["readings"], 30);
+    let way = &apart["separation"]["ways"][1];
+    assert_eq!(way["effect"], "link_flexibility");
+    assert!(way["lambda_proposed"].as_f64() >= way["lambda_measured"].as_f64());
+    let said = done(
+        at,
+        &[
+            "plan",
+            "cell.toml",
+            "--separate",
+            "backlash,joint_hardening",
+        ],
+    );
+    assert!(said.contains("approach_<joint>"), "{said}");
+}
+
+#[test]
+fn one_arm_of_two_moves_its_own_joints() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let text = format!(
+        "robot = {SDA5F:?}\nseed = 1\n[[target]]\nname = \"r1\"\nlink = \"r1_flange\"\n[[target]]\nname = \"r2\"\n\
+         link = \"r2_flange\"\n[noise]\nposition_m = 1e-5\n[design]\nposes = 4\n"
+    );
+    write(at, "both.toml", &text);
+    let one = [
+        "plan",
+        "both.toml",
+        "--targets",
+        "r2",
+        "--csv",
+        "r2.csv",
+        "--candidates",
+        "40",
+    ];
+    let said = done(at, &one);
+    assert!(said.contains("target r2"), "{said}");
+    let (header, rows) = table_of(&at.join("r2.csv"));
+    assert_eq!(rows.len(), 4);
+    for (place, word) in header.iter().enumerate() {
+        let moves = rows.iter().any(|row| row[place] != rows[0][place]);
+        let own = word == "pose" || word == "torso_rad" || word.starts_with("r2_");
+        assert_eq!(moves, own, "{word}");
+    }
+    refused(
+        at,
+        &["plan", "both.toml", "--targets", "r3"],
+        &["r3", "r1, r2"],
+    );
+}
+
+#[test]
+fn plans_that_cannot_be_made_are_refused() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    write(at, "cell.toml", &cell());
+    let plan = |words: &[&str], parts: &[&str]| {
+        refused(at, &[&["plan", "cell.toml"], words].concat(), parts);
+    };
+    plan(
+        &["--separate", "backlash,rust"],
+        &["--separate", "\"rust\"", "bearing_tilt"],
+    );
+    plan(
+        &["--of", "backlash"],
+        &["--of", "\"backlash\"", "joint_compliance"],
+    );
+    plan(&["--loads", "0,heavy"], &["--loads", "\"heavy\"", "kg"]);
+    plan(&["--loads", "-1"], &["--loads", "-1"]);
+    plan(&["--loads", "1e300"], &["equilibrium"]);
+    plan(&["--limits", "none.toml"], &["none.toml"]);
+    plan(&["--csv", "gone/x.csv"], &["gone/x.csv: cannot be written"]);
+    for (limits, parts) in [
+        ("colour = 1", &["colour"][..]),
+        ("margin = 0.5", &["margin", "0.5"]),
+        ("least_height_m = nan", &["least_height_m"]),
+        ("least_height_m = 50", &["50 m", "limits"]),
+        ("[fixed]\na7_deg = 0", &["a7_deg", "a6"]),
+        ("[fixed]\na1_mm = 0", &["a1_mm", "<joint>_deg"]),
+        ("[fixed]\na1_deg = true", &["a1_deg", "true"]),
+        (
+            "[limits]\na1_deg = [10, -10]",
+            &["a1_deg", "[least, greatest]"],
+        ),
+        ("[limits]\na1_deg = [-900, 10]", &["a1_deg", "robot's own"]),
+        ("[[forbidden]]", &["number 1", "forbid everything"]),
+        (
+            "[[forbidden]]\na1_deg = [-360, 360]",
+            &["none of 10000", "forbidden"],
+        ),
+        (
+            "[fixed]\na1_deg = 0\na2_deg = 0\na3_deg = 0\na4_deg = 0\na5_deg = 0\na6_deg = 0",
+            &["no posture to choose", "a1, a2"],
+        ),
+    ] {
+        write(at, "limits.toml", limits);
+        plan(&["--limits", "limits.toml"], parts);
+    }
+    write(at, "quiet.toml", &cell().replace("position_m = 1e-5\n", ""));
+    refused(at, &["plan", "quiet.toml"], &["quiet.toml", "position_m"]);
+    let pulled = cell().replace("mass_kg = 0.0", "pull_N = [1.0, 0.0, 0.0]");
+    write(at, "pulled.toml", &pulled);
+    refused(at, &["plan", "pulled.toml"], &["pulled.toml", "pull_N"]);
+    refused(at, &["plan", "gone.toml"], &["gone.toml"]);
+    write(at, "bad.toml", "robot = \n");
+    refused(at, &["plan", "bad.toml"], &["bad.toml"]);
+    // wrong usage
+    for words in [
+        &["--separate", "backlash"][..],
+        &["--separate", "backlash,backlash"],
+        &["--separate", "a,b", "--of", "geometry"],
+        &["--poses", "0"],
+        &["--directions", "3"],
+        &["--criterion", "e"],
+    ] {
+        let ran = run(at, &[&["plan", "cell.toml"], words].concat());
+        assert_eq!(ran.code, Some(2), "{words:?}: {}", ran.err);
+    }
+}

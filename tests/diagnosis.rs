@@ -123,7 +123,9 @@ fn a_biased_wrist_sensor_is_named() {
 fn a_wrong_payload_and_a_wrong_gain_are_not_told_apart() {
     let found = found(&campaign(&truth("payload_mass", "share = 0.03"), 2));
     assert_eq!(found.verdict, Verdict::Alias);
-    assert!(found.effects.contains(&"payload_mass") && found.effects.contains(&"ft_gain"));
+    for id in ["payload_mass", "ft_gain"] {
+        assert!(found.effects.iter().any(|found| found == id), "{id}");
+    }
 }
 
 #[test]
@@ -169,7 +171,7 @@ fn what_a_campaign_lacks_is_said() {
     };
     assert!(why("backlash").contains("approach_<joint>"));
     assert!(why("ft_bias").contains("wrench"));
-    assert!(!found.effects.contains(&"backlash"));
+    assert!(found.effects.iter().all(|id| id != "backlash"));
 }
 
 #[test]

@@ -20,7 +20,9 @@ pub use error::CampaignError;
 pub(crate) use check::plain_file_name;
 pub(crate) use document::{Document, render as render_document};
 pub(crate) use files::{read_at_most, write_atomically};
+pub(crate) use render::render_commands;
 pub(crate) use row::unit_quaternion;
+pub(crate) use units::to_inner;
 
 use crate::robot::Robot;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};

@@ -10,9 +10,25 @@ use std::io;
 ///
 /// Numbers have as many digits as it takes to read back the very same ones.
 pub(super) fn render(campaign: &Campaign) -> io::Result<Vec<u8>> {
+    columns(campaign, |_| true)
+}
+
+/// The same without what the instruments read: what is to be commanded, for readings still to be taken.
+pub(crate) fn render_commands(campaign: &Campaign) -> io::Result<Vec<u8>> {
+    columns(campaign, |role| {
+        !matches!(
+            role,
+            Role::Position(_) | Role::Orientation(_) | Role::Wrench(_)
+        )
+    })
+}
+
+/// The wanted columns that some reading fills.
+fn columns(campaign: &Campaign, wanted: impl Fn(Role) -> bool) -> io::Result<Vec<u8>> {
     let robot = &campaign.robot;
     let roles: Vec<Role> = Role::all(robot)
         .into_iter()
+        .filter(|role| wanted(*role))
         .filter(|role| match role {
             Role::Target => campaign.targets.len() > 1,
             Role::Split => campaign.readings.iter().any(|r| r.split != Split::Fit),

@@ -51,6 +51,18 @@ pub(super) const UNITS: [Unit; 17] = [
     unit("K", Dimension::Temperature, |x| x - 273.15),
 ];
 
+/// The way from a unit of a joint's position, by name, to m where it slides and rad where it turns.
+pub(crate) fn to_inner(name: &str, slides: bool) -> Option<fn(f64) -> f64> {
+    let dimension = if slides {
+        Dimension::Length
+    } else {
+        Dimension::Angle
+    };
+    let mut units = UNITS.iter();
+    let unit = units.find(|unit| unit.name == name && unit.dimension == dimension)?;
+    Some(unit.to_inner)
+}
+
 /// Names of the units of one dimension, or of all.
 pub(super) fn names(dimension: Option<Dimension>) -> String {
     let names: Vec<&str> = UNITS

@@ -4,6 +4,7 @@ mod diagnose;
 mod effects;
 mod fit;
 mod ladder;
+mod plan;
 mod progress;
 mod run;
 mod simulate;
@@ -32,6 +33,7 @@ enum Command {
     Fit(fit::Arguments),
     Diagnose(diagnose::Arguments),
     Ladder(ladder::Arguments),
+    Plan(plan::Arguments),
     Run(run::Arguments),
     Effects(effects::Arguments),
     Sweep(sweep::Arguments),
@@ -54,6 +56,7 @@ pub fn main() -> ExitCode {
         Command::Fit(arguments) => fit::run(&arguments),
         Command::Diagnose(arguments) => diagnose::run(&arguments),
         Command::Ladder(arguments) => ladder::run(&arguments),
+        Command::Plan(arguments) => plan::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),

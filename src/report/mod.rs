@@ -6,5 +6,6 @@ pub mod format;
 pub mod json;
 pub mod ladder;
 pub mod paper;
+pub mod plan;
 pub mod run;
 pub mod sweep;

@@ -1,13 +1,11 @@
 //! Where and how the plant is measured: random poses, loads, approach directions, repeats, order.
 
 use super::{Scenario, ScenarioError};
+use crate::plan::space::{Space, TRIES, generator};
 use crate::plant::Load;
-use crate::robot::JointKind;
 use nalgebra::Vector3;
+use rand::Rng;
 use rand::seq::SliceRandom;
-use rand::{Rng, RngExt, SeedableRng};
-use rand_pcg::Pcg64;
-use std::f64::consts::PI;
 
 /// A factorial design: every pose under every load from every direction, so often.
 #[derive(Debug, Clone, PartialEq)]
@@ -24,12 +22,8 @@ pub struct Design {
     pub repeats: usize,
     /// Random order of the readings, or pose by pose.
     pub random_order: bool,
-    /// Share of each joint's range left free at either end.
-    pub margin: f64,
-    /// Least height of the target links above the base frame's origin, m.
-    pub least_height: f64,
-    /// Joints that stay where they are: (index, angle).
-    pub fixed: Vec<(usize, f64)>,
+    /// Where the poses may be.
+    pub space: Space,
     /// The robot's temperature, if it is measured.
     pub temperature: Option<WarmUp>,
 }
@@ -112,14 +106,6 @@ pub(crate) mod stream {
     pub const OUTLIERS: u128 = 7;
 }
 
-/// The generator of one purpose.
-pub(crate) fn generator(seed: u64, stream: u128) -> Pcg64 {
-    let mut bytes = [0u8; 32];
-    bytes[..8].copy_from_slice(&seed.to_le_bytes());
-    bytes[16..32].copy_from_slice(&stream.to_le_bytes());
-    Pcg64::from_seed(bytes)
-}
-
 /// All readings of a scenario, in the order in which they are taken.
 ///
 /// # Errors
@@ -165,56 +151,14 @@ pub(super) fn random_posture(
     scenario: &Scenario,
     random: &mut impl Rng,
 ) -> Result<Vec<f64>, ScenarioError> {
-    /// Draws before the least height is given up.
-    const TRIES: usize = 10_000;
-    let least = scenario.design.least_height;
-    for _ in 0..TRIES {
-        let joints = draw(scenario, random);
-        if heights(scenario, &joints).all(|height| height >= least) {
-            return Ok(joints);
-        }
-    }
-    Err(ScenarioError::Form {
+    let space = &scenario.design.space;
+    let found = space.random_posture(&scenario.setup, random);
+    found.ok_or_else(|| ScenarioError::Form {
         file: scenario.file.clone(),
         message: format!(
-            "[design] least_height_m = {least}: none of {TRIES} random postures has its targets so high; \
-             accepted: a height that the arm reaches more often"
+            "[design] least_height_m = {}: none of {TRIES} random postures has its targets so high; \
+             accepted: a height that the arm reaches more often",
+            space.least_height
         ),
-    })
-}
-
-fn draw(scenario: &Scenario, random: &mut impl Rng) -> Vec<f64> {
-    let robot = &scenario.setup.robot;
-    let mut joints: Vec<f64> = robot
-        .joints
-        .iter()
-        .map(|joint| {
-            let (lower, upper) = joint.limits.unwrap_or(match joint.kind {
-                JointKind::Prismatic => (0.0, 0.0),
-                _ => (-PI, PI),
-            });
-            let spare = (upper - lower) * scenario.design.margin;
-            let (lower, upper) = (lower + spare, upper - spare);
-            lower + (upper - lower) * random.random::<f64>()
-        })
-        .collect();
-    for &(joint, angle) in &scenario.design.fixed {
-        joints[joint] = angle;
-    }
-    joints
-}
-
-/// Heights of the target links above the base origin, against gravity, m.
-fn heights(scenario: &Scenario, joints: &[f64]) -> impl Iterator<Item = f64> {
-    let setup = &scenario.setup;
-    let poses = setup.robot.body_poses(joints);
-    // without gravity there is no up; the base's z axis serves
-    let up = (-setup.gravity)
-        .try_normalize(0.0)
-        .unwrap_or_else(Vector3::z);
-    setup.targets.iter().map(move |target| {
-        let link = &setup.robot.links[target.link];
-        let pose = poses[link.body] * link.body_from_link;
-        pose.translation.vector.dot(&up)
     })
 }

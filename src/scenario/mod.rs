@@ -3,10 +3,13 @@
 pub mod design;
 pub mod efficiency;
 pub mod expect;
+mod planned;
 mod presets;
 mod read;
 pub mod simulate;
 pub mod workspace;
+
+pub use planned::planned;
 
 use crate::campaign::{Frame, Noise, RobotFile};
 use crate::effects::AnyEffect;

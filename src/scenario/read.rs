@@ -3,12 +3,13 @@
 //! `robot`, `base`, `gravity`, `[[target]]`, `[frames]` and `[noise]` are written and checked as in a campaign
 //! file; the rest is described in `scenarios/README.md`.
 
-use super::design::{Design, DesignLoad, WarmUp, generator, stream};
+use super::design::{Design, DesignLoad, WarmUp, stream};
 use super::expect::Expect;
 use super::workspace::Workspace;
 use super::{Scenario, ScenarioError, Truth, presets};
 use crate::campaign::{Document, Noise, RobotFile};
 use crate::effects::table::{Choice, TableError, unique};
+use crate::plan::space::{Space, generator};
 use crate::robot::{Robot, RobotError};
 use crate::setup::Setup;
 use crate::sweep::spec::Blind;
@@ -358,7 +359,8 @@ fn design(entry: &DesignEntry, setup: &Setup) -> Result<Design, String> {
             "temperature: accepted are finite start_degC and warm_up_K, and warm_up_s above 0",
         )?;
     }
-    let mut fixed = Vec::new();
+    let mut space = Space::within_limits(&setup.robot, entry.margin);
+    space.least_height = entry.least_height_m;
     for (name, value) in &entry.fixed_rad {
         let Some(joint) = setup.robot.joint(name) else {
             let known: Vec<&str> = setup.robot.joints.iter().map(|j| j.name.as_str()).collect();
@@ -369,7 +371,7 @@ fn design(entry: &DesignEntry, setup: &Setup) -> Result<Design, String> {
         };
         let angle = value.as_float().or(value.as_integer().map(|i| i as f64));
         match angle.filter(|x| x.is_finite()) {
-            Some(angle) => fixed.push((joint, angle)),
+            Some(angle) => space.ranges[joint] = (angle, angle),
             None => {
                 return Err(format!(
                     "[design.fixed_rad] {name} is {value}; accepted: a finite number"
@@ -384,9 +386,7 @@ fn design(entry: &DesignEntry, setup: &Setup) -> Result<Design, String> {
         directions: entry.directions,
         repeats: entry.repeats,
         random_order: matches!(entry.order, Order::Random),
-        margin: entry.margin,
-        least_height: entry.least_height_m,
-        fixed,
+        space,
         temperature,
     })
 }

@@ -2,9 +2,10 @@
 //!
 //! The truth goes into the plant and into a file of its own; the campaign holds readings only.
 
-use super::design::{Visit, generator, stream, visits};
+use super::design::{Visit, stream, visits};
 use super::{Scenario, ScenarioError, Truth};
 use crate::campaign::{Campaign, Noise, Payload, Reading, Split};
+use crate::plan::space::generator;
 use crate::plant::instruments::{Draws, read};
 use crate::plant::{Command, Plant, PlantError, PlantSpec};
 use nalgebra::Vector3;
@@ -100,7 +101,12 @@ pub fn measure(
             reading
         })
         .map_err(plant)?;
-    Ok(Campaign {
+    Ok(campaign(scenario, readings))
+}
+
+/// Readings with what a scenario says of how they were taken.
+pub(super) fn campaign(scenario: &Scenario, readings: Vec<Reading>) -> Campaign {
+    Campaign {
         name: scenario.name.clone(),
         robot: scenario.setup.robot.clone(),
         robot_file: scenario.robot_file.clone(),
@@ -111,7 +117,7 @@ pub fn measure(
         noise: scenario.state_noise.then_some(scenario.noise),
         readings,
         warnings: Vec::new(),
-    })
+    }
 }
 
 /// When a reading is taken.

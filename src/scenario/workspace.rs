@@ -1,7 +1,8 @@
 //! How far the plant gives way over its workspace: what a load does to the target's pose, by MuJoCo.
 
-use super::design::{DesignLoad, generator, random_posture, stream};
+use super::design::{DesignLoad, random_posture, stream};
 use super::{Scenario, ScenarioError, Truth, presets, simulate};
+use crate::plan::space::generator;
 use crate::plant::{Command, Plant, PlantError, PlantSpec};
 use serde::{Deserialize, Serialize};
 
