@@ -76,12 +76,10 @@ pub fn climb(
     // the diagnosis may name several: one rung each
     let mut model = default;
     for (place, &effect) in last.named.iter().enumerate() {
-        let Some(made) =
-            crate::effects::find(effect).and_then(|entry| entry.make(toml::Table::new()).ok())
-        else {
+        let Some(term) = last.fit.model.term(effect) else {
             continue;
         };
-        model = model.with(&made);
+        model = model.with(&term.effect);
         on_step(effect);
         let fit = if place + 1 == last.named.len() {
             last.fit.clone()

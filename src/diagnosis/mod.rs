@@ -5,6 +5,8 @@
 //! those that cannot be told apart; refit with the best; test what is left; and go on while something is named.
 
 mod contrasts;
+mod folds;
+pub mod ripple;
 mod score;
 mod screen;
 
@@ -17,6 +19,7 @@ use crate::fit::{self, CampaignProblem, Fit, FitError, Options};
 use crate::model::Model;
 use contrasts::Field;
 use nalgebra::DMatrix;
+use ripple::Wave;
 use score::{Against, Gram};
 use std::ops::Range;
 use std::sync::Arc;
@@ -104,6 +107,14 @@ pub struct Diagnosis {
     pub base: Fit,
     /// The fit with the named effects; the base's if none.
     pub fit: Fit,
+    /// Contrasts of what the named effects leave.
+    pub contrasts_left: Vec<Contrast>,
+    /// Joints that this goes with.
+    pub variables_left: Vec<Where>,
+    /// An effect that alarms still, but with which poses left out are predicted no better.
+    pub refused: Option<&'static str>,
+    /// Waves of the named `gear_ripple`, in the order in which they were found.
+    pub waves: Vec<Wave>,
     /// Lines of the rejected readings.
     pub rejected: Vec<usize>,
 }
@@ -128,24 +139,31 @@ pub fn diagnose(
     on_step("scoring the catalogue");
     let first = analyse(&campaign, &base);
     let mut current = base.clone();
+    let mut last = first.clone();
     let mut look = analyse_again(&first);
     let mut named: Vec<&'static str> = Vec::new();
     let mut aliases: Vec<&'static str> = Vec::new();
+    let mut waves: Vec<Wave> = Vec::new();
+    let mut refused = None;
     let mut verdict = Verdict::Nothing;
+    // where the noise is what is left, nobody knows how much is still to be explained
+    let left_over = |named: &[&str], current: &Fit| {
+        let enough = base.noise.source == Source::Residual || explained(&base, current) >= ENOUGH;
+        if !named.is_empty() && enough {
+            Verdict::NamedIncomplete
+        } else {
+            Verdict::Unknown
+        }
+    };
     while look.alarm {
         let Some(best) = look.best else {
             // something is there that no family explains
-            // where the noise is what is left, nobody knows how much is still to be explained
-            let enough =
-                base.noise.source == Source::Residual || explained(&base, &current) >= ENOUGH;
-            verdict = if !named.is_empty() && enough {
-                Verdict::NamedIncomplete
-            } else {
-                Verdict::Unknown
-            };
+            verdict = left_over(&named, &current);
             break;
         };
-        if named.len() == MOST {
+        // waves found later belong to the effect that is named already
+        let again = named.contains(&best);
+        if named.len() == MOST && !again {
             verdict = Verdict::NamedIncomplete;
             break;
         }
@@ -153,11 +171,28 @@ pub fn diagnose(
             aliases = look.near.clone();
         }
         on_step(&format!("refitting with {best}"));
-        let Some(effect) = effect(best) else { break };
-        current = finite_fit(&campaign, &current.model.with(&effect))?;
-        named.push(best);
+        let found = if best == ripple::EFFECT {
+            &last.waves[..]
+        } else {
+            &[]
+        };
+        let Some(model) = extended(&current.model, best, found) else {
+            break;
+        };
+        let next = finite_fit(&campaign, &model)?;
+        let analysis = analyse(&campaign, &next);
+        look = analyse_again(&analysis);
+        if look.alarm && !predicts_better(&campaign, &current, &next) {
+            refused = Some(best);
+            verdict = left_over(&named, &current);
+            break;
+        }
+        waves.extend_from_slice(found);
+        (current, last) = (next, analysis);
+        if !again {
+            named.push(best);
+        }
         verdict = Verdict::Named;
-        look = analyse_again(&analyse(&campaign, &current));
     }
     let mut effects = named.clone();
     match verdict {
@@ -168,6 +203,7 @@ pub fn diagnose(
         Verdict::Unknown | Verdict::Nothing => {
             effects.clear();
             named.clear();
+            waves.clear();
             current = base.clone();
         }
         _ => {}
@@ -187,8 +223,49 @@ pub fn diagnose(
         cannot_see: first.cannot_see,
         base,
         fit: current,
+        contrasts_left: last.contrasts,
+        variables_left: last.variables,
+        refused,
+        waves,
         rejected,
     })
+}
+
+/// The model with one more effect, or with more waves of one that it has.
+fn extended(model: &Model, id: &str, waves: &[Wave]) -> Option<Model> {
+    if id == ripple::EFFECT {
+        return ripple::with(model, waves);
+    }
+    Some(model.with(&effect(id)?))
+}
+
+/// Does the later fit predict poses left out better, on the noise of the earlier? What alarms and does not is no
+/// cause, only the best of the catalogue at imitating one.
+fn predicts_better(campaign: &Campaign, before: &Fit, after: &Fit) -> bool {
+    let readings = fitted(campaign);
+    let whiteners = noise::whiteners(
+        &before.model,
+        &before.values,
+        &readings,
+        &before.noise.shape,
+    );
+    let of_reading = folds::by_pose(&readings).into_iter().zip(&whiteners);
+    let folds: Vec<usize> = of_reading
+        .flat_map(|(fold, whitener)| std::iter::repeat_n(fold, whitener.rows))
+        .collect();
+    let error = |fit: &Fit| {
+        let problem =
+            CampaignProblem::new(&fit.model, &readings, &whiteners, &fit.free, &fit.values);
+        let at: Vec<f64> = fit.free.iter().map(|&k| fit.values[k]).collect();
+        let mut matrix = DMatrix::zeros(folds.len(), at.len() + 1);
+        let mut row = 0;
+        for block in problem.blocks(&at) {
+            matrix.rows_mut(row, block.nrows()).copy_from(&block);
+            row += block.nrows();
+        }
+        folds::cross_validated(&matrix, &folds, &vec![fit::solve::WEAK; at.len()])
+    };
+    error(after) < error(before)
 }
 
 /// A fit whose residuals are numbers: tests on others would not end.
@@ -250,11 +327,13 @@ fn explained(base: &Fit, later: &Fit) -> f64 {
 }
 
 /// All tests on one fit.
+#[derive(Clone)]
 struct Analysis {
     contrasts: Vec<Contrast>,
     variables: Vec<Where>,
     candidates: Vec<Candidate>,
     cannot_see: Vec<CannotSee>,
+    waves: Vec<Wave>,
     lack_of_fit: f64,
 }
 
@@ -304,7 +383,8 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
     let mut free = fit.free.clone();
     let mut values = fit.values.clone();
     for entry in CATALOGUE {
-        if model.has(entry.id) {
+        // the waves of a gear are looked for below
+        if model.has(entry.id) || entry.id == ripple::EFFECT {
             continue;
         }
         let Ok(effect) = entry.make(toml::Table::new()) else {
@@ -326,8 +406,7 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
     let excess = (gram.misfit() / against.variance - (gram.rows - gram.rank) as f64).max(1.0);
     let mut candidates = Vec::new();
     let mut cannot_see = Vec::new();
-    for (effect, columns) in families {
-        let score = gram.score(columns, against.variance);
+    let mut consider = |effect: &'static str, score: score::Score, p_value: f64| {
         let lacks = crate::effects::find(effect).and_then(|entry| {
             let lacking = entry.needs.iter().find(|need| !need.is_met(campaign));
             lacking.map(|need| need.sentence().to_owned())
@@ -345,17 +424,36 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
                 effect,
                 why: lacks.unwrap_or(faint),
             });
-            continue;
+            return;
         }
         let signal = (score.chi2 - score.dof as f64).max(0.0);
         candidates.push(Candidate {
             effect,
             log_evidence: score.log_evidence,
             lambda: signal,
-            p_value: against.p_value(score.chi2, score.dof as f64),
+            p_value,
             explained: (signal / excess).min(1.0),
         });
+    };
+    for (effect, columns) in families {
+        let score = gram.score(columns, against.variance);
+        let p_value = against.p_value(score.chi2, score.dof as f64);
+        consider(effect, score, p_value);
     }
+    let waves =
+        match ripple::Scan::new(fit, &readings, &whiteners, &blocks, base).waves(&against, ALARM) {
+            Some(found) => {
+                consider(ripple::EFFECT, found.score, found.p_value);
+                found.waves
+            }
+            None => {
+                cannot_see.push(CannotSee {
+                    effect: ripple::EFFECT,
+                    why: ripple::NEEDS.to_owned(),
+                });
+                Vec::new()
+            }
+        };
     candidates.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     let field = field(&readings, &whiteners, &blocks, &gram, base);
     let mut variables = scan(&field, &model, fit, &readings, &whiteners, &against);
@@ -366,6 +464,7 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
         variables,
         candidates,
         cannot_see,
+        waves,
         lack_of_fit: match fit.noise.source {
             // measured against itself nothing is left over
             Source::Residual => 1.0,

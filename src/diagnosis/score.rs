@@ -111,9 +111,17 @@ impl Gram {
     /// Scores the family in these columns against noise of `variance` (1 if the whitening is right).
     pub fn score(&self, columns: Range<usize>, variance: f64) -> Score {
         let r = self.matrix.ncols() - 1;
-        let raw = columns.clone().map(|k| self.matrix[(k, k)]).sum::<f64>() / variance;
+        let raw = columns.clone().map(|k| self.matrix[(k, k)]).sum::<f64>();
         let information = self.partial(columns.clone(), columns.clone());
         let gradient: DVector<f64> = self.partial(columns, r..r + 1).column(0).into_owned();
+        Score::of(information, gradient, raw, variance)
+    }
+}
+
+impl Score {
+    /// From the information and the gradient of columns of typical size, the base model partialled out of both;
+    /// `raw` is the trace of the information before that.
+    pub fn of(information: DMatrix<f64>, gradient: DVector<f64>, raw: f64, variance: f64) -> Self {
         let expected = information.trace() / variance;
         let eigen = information.symmetric_eigen();
         let mut directions = Vec::new();
@@ -138,10 +146,10 @@ impl Gram {
         let logs = SCALES.map(log_of);
         let largest = logs.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let mean = logs.iter().map(|l| (l - largest).exp()).sum::<f64>() / logs.len() as f64;
-        Score {
+        Self {
             chi2: directions.iter().map(|d| d.1).sum(),
             dof: directions.len(),
-            raw,
+            raw: raw / variance,
             expected,
             log_evidence: largest + mean.ln(),
         }

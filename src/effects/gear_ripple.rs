@@ -21,7 +21,7 @@
 //! Tuttle, Seering 1996, *A nonlinear model of a harmonic drive gear transmission*, IEEE Trans. Robotics and
 //! Automation 12(3).
 
-use super::options::PerJoint;
+use super::options::{List, Numbers, PerJoint};
 use super::{Effect, Parameter, Stage, turning};
 use crate::dual_quaternion::{Scalar, constant};
 use crate::plant::{PlantError, PlantSpec};
@@ -35,18 +35,25 @@ use std::sync::Arc;
 #[serde(deny_unknown_fields)]
 pub struct GearRipple {
     /// Cycles per output turn.
-    cycles: Option<PerJoint>,
+    cycles: Option<PerJoint<List>>,
 }
 
 /// Two cycles per input turn of a gear of ratio 100.
 const USUAL: f64 = 200.0;
 
 impl GearRipple {
-    fn cycles(&self, setup: &Setup, joint: usize) -> f64 {
-        let given = self.cycles.as_ref();
-        given
-            .and_then(|cycles| cycles.of(&setup.robot.joints[joint].name))
-            .unwrap_or(USUAL)
+    /// Joint and cycles of each wave.
+    fn waves<'a>(&'a self, setup: &'a Setup) -> impl Iterator<Item = (usize, f64)> + 'a {
+        turning(setup).flat_map(|joint| {
+            let cycles: &[f64] = match &self.cycles {
+                None => &[USUAL],
+                Some(given) => {
+                    let found = given.of(&setup.robot.joints[joint].name);
+                    found.map_or(&[], Numbers::numbers)
+                }
+            };
+            cycles.iter().map(move |&cycles| (joint, cycles))
+        })
     }
 }
 
@@ -59,28 +66,26 @@ impl Effect for GearRipple {
     }
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
-        let of_joint = |joint: usize| {
+        let of_wave = |(joint, cycles): (usize, f64)| {
             let name = &setup.robot.joints[joint].name;
-            ["sin", "cos"].map(|term| Parameter::new(format!("{name}.{term}"), "rad", 3e-5))
+            ["sin", "cos"].map(|term| Parameter::new(format!("{name}.{term}{cycles}"), "rad", 3e-5))
         };
-        turning(setup).flat_map(of_joint).collect()
+        self.waves(setup).flat_map(of_wave).collect()
     }
 
     fn perturb<S: Scalar>(&self, p: &[S], posture: &mut Posture<'_, S>) {
-        for (joint, p) in turning(posture.setup).zip(p.chunks_exact(2)) {
-            let cycles: S = constant(self.cycles(posture.setup, joint));
+        for ((joint, cycles), p) in self.waves(posture.setup).zip(p.chunks_exact(2)) {
+            let cycles: S = constant(cycles);
             let (sin, cos) = (posture.q(joint) * cycles).sin_cos();
             posture.move_joint(joint, p[0] * sin + p[1] * cos);
         }
     }
 
     fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError> {
-        let waves: Vec<(usize, f64, f64, f64)> = turning(setup)
+        let waves: Vec<(usize, f64, f64, f64)> = self
+            .waves(setup)
             .zip(p.chunks_exact(2))
-            .map(|(joint, p)| {
-                let cycles = self.cycles(setup, joint);
-                (joint, cycles, p[0].hypot(p[1]), p[1].atan2(p[0]))
-            })
+            .map(|((joint, cycles), p)| (joint, cycles, p[0].hypot(p[1]), p[1].atan2(p[0])))
             .collect();
         plant.command_laws.push(Arc::new(move |command, angles| {
             for &(joint, cycles, amplitude, phase) in &waves {

@@ -224,6 +224,8 @@ pub trait AnyEffect: Debug + Send + Sync {
     fn needs(&self) -> &'static [Need];
     /// [`Effect::ALIASES`].
     fn aliases(&self) -> &'static [&'static str];
+    /// The options that it was made with, as in its `[[effect]]` table.
+    fn options(&self) -> &toml::Table;
     /// [`Effect::check`].
     ///
     /// # Errors
@@ -242,7 +244,14 @@ pub trait AnyEffect: Debug + Send + Sync {
     fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError>;
 }
 
-impl<E: Effect> AnyEffect for E {
+/// An effect and the options that it was made with.
+#[derive(Debug)]
+struct Made<E> {
+    effect: E,
+    options: toml::Table,
+}
+
+impl<E: Effect> AnyEffect for Made<E> {
     fn id(&self) -> &'static str {
         E::ID
     }
@@ -255,20 +264,23 @@ impl<E: Effect> AnyEffect for E {
     fn aliases(&self) -> &'static [&'static str] {
         E::ALIASES
     }
+    fn options(&self) -> &toml::Table {
+        &self.options
+    }
     fn check(&self, setup: &Setup) -> Result<(), String> {
-        Effect::check(self, setup)
+        Effect::check(&self.effect, setup)
     }
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
-        Effect::parameters(self, setup)
+        Effect::parameters(&self.effect, setup)
     }
     fn perturb(&self, p: &[f64], posture: &mut Posture<'_, f64>) {
-        Effect::perturb(self, p, posture);
+        Effect::perturb(&self.effect, p, posture);
     }
     fn perturb_dual(&self, p: &[Dual], posture: &mut Posture<'_, Dual>) {
-        Effect::perturb(self, p, posture);
+        Effect::perturb(&self.effect, p, posture);
     }
     fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError> {
-        Effect::install(self, p, setup, plant)
+        Effect::install(&self.effect, p, setup, plant)
     }
 }
 
@@ -293,7 +305,10 @@ const fn entry<E: Effect + DeserializeOwned>(source: &'static str) -> Entry {
         needs: E::NEEDS,
         aliases: E::ALIASES,
         source,
-        make: |options| Ok(Arc::new(toml::Value::Table(options).try_into::<E>()?)),
+        make: |options| {
+            let effect: E = toml::Value::Table(options.clone()).try_into()?;
+            Ok(Arc::new(Made { effect, options }))
+        },
     }
 }
 

@@ -1,0 +1,48 @@
+//! Cross-validation without refitting: near a fit the model is linear, and a fold is left out of its rows.
+//!
+//! Poses are left out a fifth at a time, those of a pose together.
+
+use crate::campaign::Reading;
+use crate::fit::pose_key;
+use nalgebra::{Cholesky, DMatrix, DVector};
+use std::collections::BTreeMap;
+
+/// Folds.
+pub const FOLDS: usize = 5;
+
+/// Fold of each reading: poses in order of appearance go round.
+pub fn by_pose(readings: &[&Reading]) -> Vec<usize> {
+    let mut fold_of: BTreeMap<_, usize> = BTreeMap::new();
+    let of = |reading: &&Reading| {
+        let next = fold_of.len();
+        *fold_of.entry(pose_key(reading)).or_insert(next) % FOLDS
+    };
+    readings.iter().map(of).collect()
+}
+
+/// Sum of squares of the `tested` rows of `[J | r]`, with the step that the `kept` rows ask for. `priors` are the
+/// strengths of a prior about no step, by columns of `J`.
+pub fn left_out(kept: &DMatrix<f64>, tested: &DMatrix<f64>, priors: &[f64]) -> f64 {
+    let n = priors.len();
+    let mut normal = kept.columns(0, n).tr_mul(&kept.columns(0, n));
+    for (k, prior) in priors.iter().enumerate() {
+        normal[(k, k)] += prior * prior;
+    }
+    let right: DVector<f64> = -kept.columns(0, n).tr_mul(&kept.column(n));
+    // no step where rounding leaves no factor
+    let step = Cholesky::new(normal).map_or_else(|| DVector::zeros(n), |c| c.solve(&right));
+    (tested.column(n) + tested.columns(0, n) * step).norm_squared()
+}
+
+/// Sum of squares of all rows of `[J | r]`, each predicted without its fold. `folds` by rows.
+pub fn cross_validated(matrix: &DMatrix<f64>, folds: &[usize], priors: &[f64]) -> f64 {
+    let of = |fold: usize, inside: bool| -> DMatrix<f64> {
+        let rows: Vec<usize> = (0..folds.len())
+            .filter(|&row| (folds[row] == fold) == inside)
+            .collect();
+        matrix.select_rows(&rows)
+    };
+    (0..FOLDS)
+        .map(|fold| left_out(&of(fold, false), &of(fold, true), priors))
+        .sum()
+}
