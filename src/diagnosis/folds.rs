@@ -20,18 +20,27 @@ pub fn by_pose(readings: &[&Reading]) -> Vec<usize> {
     readings.iter().map(of).collect()
 }
 
-/// Sum of squares of the `tested` rows of `[J | r]`, with the step that the `kept` rows ask for. `priors` are the
-/// strengths of a prior about no step, by columns of `J`.
-pub fn left_out(kept: &DMatrix<f64>, tested: &DMatrix<f64>, priors: &[f64]) -> f64 {
+/// Sums of squares of the `tested` rows of `[J | r]`, with the step that the `kept` rows ask for, one for each number
+/// of leading columns in `counts`. `priors` are the strengths of a prior about no step, by columns of `J`.
+pub fn left_out(
+    kept: &DMatrix<f64>,
+    tested: &DMatrix<f64>,
+    priors: &[f64],
+    counts: &[usize],
+) -> Vec<f64> {
     let n = priors.len();
-    let mut normal = kept.columns(0, n).tr_mul(&kept.columns(0, n));
+    let mut normal = kept.tr_mul(kept);
     for (k, prior) in priors.iter().enumerate() {
         normal[(k, k)] += prior * prior;
     }
-    let right: DVector<f64> = -kept.columns(0, n).tr_mul(&kept.column(n));
-    // no step where rounding leaves no factor
-    let step = Cholesky::new(normal).map_or_else(|| DVector::zeros(n), |c| c.solve(&right));
-    (tested.column(n) + tested.columns(0, n) * step).norm_squared()
+    let error = |&count: &usize| {
+        let part = normal.view((0, 0), (count, count)).into_owned();
+        let right: DVector<f64> = -normal.view((0, n), (count, 1)).column(0);
+        // no step where rounding leaves no factor
+        let step = Cholesky::new(part).map_or_else(|| DVector::zeros(count), |c| c.solve(&right));
+        (tested.column(n) + tested.columns(0, count) * step).norm_squared()
+    };
+    counts.iter().map(error).collect()
 }
 
 /// Sum of squares of all rows of `[J | r]`, each predicted without its fold. `folds` by rows.
@@ -43,6 +52,6 @@ pub fn cross_validated(matrix: &DMatrix<f64>, folds: &[usize], priors: &[f64]) -
         matrix.select_rows(&rows)
     };
     (0..FOLDS)
-        .map(|fold| left_out(&of(fold, false), &of(fold, true), priors))
+        .flat_map(|fold| left_out(&of(fold, false), &of(fold, true), priors, &[priors.len()]))
         .sum()
 }

@@ -37,7 +37,7 @@ const ANGLES: usize = 10;
 /// Waves of a joint are at least this apart, in periods over its range.
 const APART: f64 = 1.0;
 /// Waves taken up at most in one search.
-const MOST: usize = 16;
+const MOST: usize = 48;
 /// Typical amplitude, rad.
 const TYPICAL: f64 = 3e-5;
 /// Pairs whose weaker direction has less than this (σ for a typical amplitude) are not counted.
@@ -114,6 +114,19 @@ pub fn with(model: &Model, waves: &[Wave]) -> Option<Model> {
         }
     }
     Some(next)
+}
+
+/// Gives waves the amplitudes of a fit.
+pub fn settle(waves: &mut [Wave], fit: &Fit) {
+    for wave in waves {
+        let value = |term: &str| {
+            let name = format!("{}.{term}{}", wave.joint, wave.cycles);
+            fit.index(EFFECT, &name).map(|index| fit.values[index])
+        };
+        if let (Some(sin), Some(cos)) = (value("sin"), value("cos")) {
+            wave.amplitude_rad = sin.hypot(cos);
+        }
+    }
 }
 
 /// A joint that turns, its angles and the whitened motion of the target by it.
@@ -207,7 +220,8 @@ impl Scan {
         search.grow(alarm, MOST);
         let keep = match search.found.len() {
             0 => {
-                search.take(search.best()?);
+                let joints = vec![true; self.joints.len()];
+                search.take(search.best(&joints)?);
                 1
             }
             sure => self.predicting(sure, against, alarm),
@@ -259,8 +273,7 @@ impl Scan {
                 let mut search = Search::new(self, &kept, *against);
                 // of fewer readings a wave of all may be less sure
                 search.grow(alarm.sqrt(), most);
-                let count = |k: usize| self.tested(&search.found[..k], &kept, &tested);
-                let errors: Vec<f64> = (0..=search.found.len()).map(count).collect();
+                let errors = self.tested(&search.found, &kept, &tested);
                 (0..=most)
                     .map(|k| errors[k.min(errors.len() - 1)])
                     .collect()
@@ -272,27 +285,26 @@ impl Scan {
         least.unwrap_or(0)
     }
 
-    /// Squared error of the tested readings with waves fitted to the kept ones.
-    fn tested(&self, waves: &[Peak], kept: &[usize], tested: &[usize]) -> f64 {
+    /// Squared errors of the tested readings with none, one, … all of the waves fitted to the kept ones.
+    fn tested(&self, waves: &[Peak], kept: &[usize], tested: &[usize]) -> Vec<f64> {
         let base = self.base.ncols();
-        let mut priors = vec![solve::WEAK; base];
-        priors.resize(base + 2 * waves.len(), solve::WEAK);
+        let all = base + 2 * waves.len();
         let matrix = |readings: &[usize]| {
             let rows = self.rows_of(readings);
-            let mut matrix = DMatrix::zeros(rows.len(), priors.len() + 1);
-            for (i, &row) in rows.iter().enumerate() {
-                matrix
-                    .view_mut((i, 0), (1, base))
-                    .copy_from(&self.base.row(row));
-                matrix[(i, priors.len())] = self.residual[row];
-            }
+            let mut matrix = DMatrix::zeros(rows.len(), all + 1);
+            let columns = self.base.select_rows(&rows);
+            matrix.columns_mut(0, base).copy_from(&columns);
+            let residual = self.residual.select_rows(&rows);
+            matrix.column_mut(all).copy_from(&residual);
             for (k, wave) in waves.iter().enumerate() {
                 let pair = self.pair(wave.joint, wave.cycles, readings) * TYPICAL;
                 matrix.columns_mut(base + 2 * k, 2).copy_from(&pair);
             }
             matrix
         };
-        folds::left_out(&matrix(kept), &matrix(tested), &priors)
+        let counts: Vec<usize> = (0..=waves.len()).map(|k| base + 2 * k).collect();
+        let priors = vec![solve::WEAK; all];
+        folds::left_out(&matrix(kept), &matrix(tested), &priors, &counts)
     }
 
     fn rows_of(&self, readings: &[usize]) -> Vec<usize> {
@@ -342,7 +354,7 @@ struct Lane {
     /// Products of motion and basis, angles by directions.
     basis: DMatrix<f64>,
     /// Products of motion and residual.
-    residual: DVector<f64>,
+    residual: DMatrix<f64>,
     /// Period over the range, cycles a turn.
     period: f64,
     /// Least frequency, step and number of them.
@@ -351,6 +363,8 @@ struct Lane {
     count: usize,
     /// By frequency.
     moments: Vec<Moments>,
+    /// Directions of the basis that the moments know of.
+    done: usize,
     /// Independent frequencies.
     trials: f64,
 }
@@ -386,18 +400,23 @@ impl Lane {
         self.first + self.step * place as f64
     }
 
-    /// Takes further directions out of all moments, and the residual's products anew.
-    fn update(&mut self, directions: &DMatrix<f64>) {
+    /// Takes the directions that are new out of all moments, and the residual's products anew.
+    fn update(&mut self) {
         let batches: Vec<Range<usize>> = (0..self.count)
             .step_by(BATCH)
             .map(|begin| begin..(begin + BATCH).min(self.count))
             .collect();
         let lane = &*self;
+        let directions = self
+            .basis
+            .columns(self.done, self.basis.ncols() - self.done);
+        let directions = directions.into_owned();
         let moments: Vec<Vec<Moments>> = batches
             .into_par_iter()
-            .map(|batch| lane.batch(batch, directions))
+            .map(|batch| lane.batch(batch, &directions))
             .collect();
         self.moments = moments.concat();
+        self.done = self.basis.ncols();
     }
 
     fn batch(&self, batch: Range<usize>, directions: &DMatrix<f64>) -> Vec<Moments> {
@@ -459,8 +478,8 @@ impl Lane {
             ss: weighted(&sin, &sin) - along_s.norm_squared(),
             sc: weighted(&sin, &cos) - along_s.dot(&along_c),
             cc: weighted(&cos, &cos) - along_c.norm_squared(),
-            sr: sin.dot(&self.residual),
-            cr: cos.dot(&self.residual),
+            sr: sin.dot(&self.residual.column(0)),
+            cr: cos.dot(&self.residual.column(0)),
         }
     }
 }
@@ -531,7 +550,6 @@ impl<'a> Search<'a> {
         }
         let of = |&i: &usize| angles.partition_point(|&angle| angle < turning.angles[i]);
         let place: Vec<usize> = self.readings.iter().map(of).collect();
-        let residual = DMatrix::from_column_slice(self.residual.len(), 1, self.residual.as_slice());
         let mut weight = vec![0.0; angles.len()];
         self.each_row(joint, &place, |place, _, motion| {
             weight[place] += motion * motion;
@@ -541,7 +559,7 @@ impl<'a> Search<'a> {
         let mut lane = Lane {
             weight,
             basis: self.products(joint, &place, &self.basis),
-            residual: self.products(joint, &place, &residual).column(0).into(),
+            residual: self.products(joint, &place, &column(&self.residual)),
             count: ((FASTEST - first) / step).max(0.0) as usize,
             angles,
             place,
@@ -549,6 +567,7 @@ impl<'a> Search<'a> {
             first,
             step,
             moments: Vec::new(),
+            done: 0,
             trials: 0.0,
         };
         let all: f64 = lane.weight.iter().sum();
@@ -562,7 +581,7 @@ impl<'a> Search<'a> {
         let centre = mean(&|q| q);
         let variance = mean(&|q| (q - centre).powi(2));
         lane.trials = lane.count as f64 * lane.step * (4.0 * PI * variance).sqrt() / TAU;
-        lane.update(&lane.basis.clone());
+        lane.update();
         Some(lane)
     }
 
@@ -591,12 +610,14 @@ impl<'a> Search<'a> {
         sums
     }
 
-    /// The pair that stands highest over all frequencies of all joints, its cycles refined.
-    fn best(&self) -> Option<Peak> {
+    /// The pair that stands highest over all frequencies of these joints, its cycles refined.
+    fn best(&self, joints: &[bool]) -> Option<Peak> {
         let variance = self.against.variance;
         let mut best: Option<(f64, usize, usize)> = None;
         for (joint, lane) in self.lanes.iter().enumerate() {
-            let Some(lane) = lane else { continue };
+            let Some(lane) = lane.as_ref().filter(|_| joints[joint]) else {
+                continue;
+            };
             for (place, moments) in lane.moments.iter().enumerate() {
                 let chi2 = moments.chi2(variance);
                 if best.is_none_or(|b| chi2 > b.0) && self.is_free(joint, lane.frequency(place)) {
@@ -661,13 +682,28 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Takes up waves until none is sure, or there are `most`.
+    /// Takes up waves until none is sure, or there are `most`. Between two scans each joint has its turn, the
+    /// strongest first: waves of different joints are nearly independent, and each is judged beside those taken.
     fn grow(&mut self, alarm: f64, most: usize) {
-        while self.found.len() < most {
-            match self.best().filter(|peak| peak.p_value < alarm) {
-                Some(peak) => self.take(peak),
-                None => break,
+        loop {
+            let mut joints = vec![true; self.lanes.len()];
+            let before = self.found.len();
+            while self.found.len() < most {
+                let Some(peak) = self.best(&joints) else {
+                    break;
+                };
+                joints[peak.joint] = false;
+                if peak.p_value < alarm {
+                    self.take(peak);
+                } else if self.found.len() == before {
+                    // the strongest of a fresh scan is noise, and so are all others
+                    return;
+                }
             }
+            if self.found.len() == most || self.found.len() == before {
+                return;
+            }
+            self.rescan();
         }
     }
 
@@ -680,38 +716,23 @@ impl<'a> Search<'a> {
         }
         let fresh = pair.qr().q();
         self.residual -= &fresh * fresh.tr_mul(&self.residual);
-        let before = self.basis.ncols();
-        self.basis = std::mem::replace(&mut self.basis, DMatrix::zeros(0, 0)).insert_columns(
-            before,
-            fresh.ncols(),
-            0.0,
-        );
-        self.basis
-            .columns_mut(before, fresh.ncols())
-            .copy_from(&fresh);
+        self.basis = joined(&self.basis, &fresh);
         self.found.push(peak);
         self.settle_noise();
-        let residual = DMatrix::from_column_slice(self.residual.len(), 1, self.residual.as_slice());
         let mut lanes = std::mem::take(&mut self.lanes);
         for (joint, lane) in lanes.iter_mut().enumerate() {
             let Some(lane) = lane else { continue };
-            let products = self.products(joint, &lane.place, &fresh);
-            lane.residual = self
-                .products(joint, &lane.place, &residual)
-                .column(0)
-                .into();
-            lane.update(&products);
-            let known = lane.basis.ncols();
-            lane.basis = std::mem::replace(&mut lane.basis, DMatrix::zeros(0, 0)).insert_columns(
-                known,
-                products.ncols(),
-                0.0,
-            );
-            lane.basis
-                .columns_mut(known, products.ncols())
-                .copy_from(&products);
+            lane.residual = self.products(joint, &lane.place, &column(&self.residual));
+            lane.basis = joined(&lane.basis, &self.products(joint, &lane.place, &fresh));
         }
         self.lanes = lanes;
+    }
+
+    /// Brings the moments of all frequencies up to the basis.
+    fn rescan(&mut self) {
+        for lane in self.lanes.iter_mut().flatten() {
+            lane.update();
+        }
     }
 
     /// Columns with what the base model can do taken out.
@@ -820,6 +841,19 @@ impl<'a> Search<'a> {
             self.against.variance,
         )
     }
+}
+
+fn column(vector: &DVector<f64>) -> DMatrix<f64> {
+    DMatrix::from_column_slice(vector.len(), 1, vector.as_slice())
+}
+
+/// Columns beside columns.
+fn joined(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
+    let mut both = DMatrix::zeros(left.nrows(), left.ncols() + right.ncols());
+    both.columns_mut(0, left.ncols()).copy_from(left);
+    both.columns_mut(left.ncols(), right.ncols())
+        .copy_from(right);
+    both
 }
 
 /// Orthonormal columns that span the directions of a matrix that count.
