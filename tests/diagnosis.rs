@@ -192,7 +192,7 @@ fn the_ladder_of_a_real_robot_falls() {
         path.display()
     );
     let campaign = Campaign::load(path).unwrap();
-    let found = ladder::climb(&campaign, &QUICK, |_| {}).unwrap();
+    let found = ladder::climb(&campaign, None, None, &QUICK, |_| {}).unwrap();
     let added: Vec<&str> = found.rungs.iter().map(|r| r.added.as_str()).collect();
     assert_eq!(added[..3], ["nominal", "joint_offset", "geometry"]);
     assert!(added.contains(&"transmission_error"), "{added:?}");

@@ -2,7 +2,7 @@
 
 use super::{Outcome, print, print_json, progress};
 use crate::campaign::Campaign;
-use crate::diagnosis;
+use crate::diagnosis::{self, ripple};
 use crate::fit::Options;
 use crate::{model_file, report};
 use std::path::PathBuf;
@@ -22,6 +22,9 @@ pub struct Arguments {
     /// Model file with [[effect]] tables.
     #[arg(long, value_name = "M.toml")]
     model: Option<PathBuf>,
+    /// Write the model with what is missing, for --model.
+    #[arg(short = 'o', long, value_name = "M.toml")]
+    save_model: Option<PathBuf>,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -45,13 +48,23 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let say = |text: &str| spinner.set_message(text.to_owned());
     let found = diagnosis::diagnose(&campaign, &model, &options, say)?;
     spinner.finish_and_clear();
+    if let Some(file) = &arguments.save_model {
+        model_file::write(file, &found.fit.model)?;
+    }
     if arguments.json {
         print_json(&report::diagnosis::document(&found))?;
     } else {
         let path = arguments.campaign.display();
-        let next = match found.named.first() {
-            Some(effect) => format!("misfit fit {path} --effects +{effect}     or     "),
-            None => String::new(),
+        let next = match (found.named.first(), &arguments.save_model) {
+            (Some(_), Some(file)) => {
+                format!("misfit fit {path} --model {}     or     ", file.display())
+            }
+            // its cycles are options: a file holds them
+            (Some(&ripple::EFFECT), None) => {
+                format!("misfit diagnose {path} -o model.toml     or     ")
+            }
+            (Some(effect), None) => format!("misfit fit {path} --effects +{effect}     or     "),
+            (None, _) => String::new(),
         };
         let text = report::diagnosis::text(&campaign, &found);
         print(&format!("{text}\nnext     {next}misfit ladder {path}\n"))?;

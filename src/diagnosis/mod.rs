@@ -107,6 +107,11 @@ pub struct Diagnosis {
     pub base: Fit,
     /// The fit with the named effects; the base's if none.
     pub fit: Fit,
+    /// Effects added one after the other, each with the fit that then was reached; `gear_ripple` again for each further
+    /// set of waves.
+    pub steps: Vec<(&'static str, Fit)>,
+    /// Did the caller's wish end the search?
+    pub stopped: bool,
     /// Contrasts of what the named effects leave.
     pub contrasts_left: Vec<Contrast>,
     /// Joints that this goes with.
@@ -127,7 +132,21 @@ pub fn diagnose(
     campaign: &Campaign,
     model: &Model,
     options: &Options,
+    on_step: impl FnMut(&str),
+) -> Result<Diagnosis, FitError> {
+    diagnose_until(campaign, model, options, on_step, |_, _, _| false)
+}
+
+/// The same, ended early where `enough` says so of the number of steps so far, the last effect and its fit.
+///
+/// # Errors
+/// As [`fit::fit`].
+pub fn diagnose_until(
+    campaign: &Campaign,
+    model: &Model,
+    options: &Options,
     mut on_step: impl FnMut(&str),
+    enough: impl Fn(usize, Option<&str>, &Fit) -> bool,
 ) -> Result<Diagnosis, FitError> {
     on_step("fitting the base model");
     let mut campaign = campaign.clone();
@@ -144,7 +163,9 @@ pub fn diagnose(
     let mut named: Vec<&'static str> = Vec::new();
     let mut aliases: Vec<&'static str> = Vec::new();
     let mut waves: Vec<Wave> = Vec::new();
+    let mut steps: Vec<(&'static str, Fit)> = Vec::new();
     let mut refused = None;
+    let mut stopped = false;
     let mut verdict = Verdict::Nothing;
     // where the noise is what is left, nobody knows how much is still to be explained
     let left_over = |named: &[&str], current: &Fit| {
@@ -156,6 +177,11 @@ pub fn diagnose(
         }
     };
     while look.alarm {
+        if enough(steps.len(), steps.last().map(|step| step.0), &current) {
+            stopped = true;
+            verdict = left_over(&named, &current);
+            break;
+        }
         let Some(best) = look.best else {
             // something is there that no family explains
             verdict = left_over(&named, &current);
@@ -192,6 +218,7 @@ pub fn diagnose(
         if !again {
             named.push(best);
         }
+        steps.push((best, current.clone()));
         verdict = Verdict::Named;
     }
     let mut effects = named.clone();
@@ -204,15 +231,20 @@ pub fn diagnose(
             effects.clear();
             named.clear();
             waves.clear();
+            steps.clear();
             current = base.clone();
         }
         _ => {}
     }
-    if options.cross_validate {
+    if options.cross_validate && base.heldout.is_none() {
         on_step("cross-validation");
         base = fit::fit(&campaign, &base.model, options, |_| {})?;
-        current = fit::fit(&campaign, &current.model, options, |_| {})?;
+        for (_, step) in &mut steps {
+            *step = fit::fit(&campaign, &step.model, options, |_| {})?;
+        }
+        current = steps.last().map_or(&base, |step| &step.1).clone();
     }
+    ripple::settle(&mut waves, &current);
     Ok(Diagnosis {
         verdict,
         effects,
@@ -223,12 +255,36 @@ pub fn diagnose(
         cannot_see: first.cannot_see,
         base,
         fit: current,
+        steps,
+        stopped,
         contrasts_left: last.contrasts,
         variables_left: last.variables,
         refused,
         waves,
         rejected,
     })
+}
+
+/// Log evidence (nats) of an effect for a fit without it.
+pub fn evidence(campaign: &Campaign, without: &Fit, effect: &Arc<dyn AnyEffect>) -> f64 {
+    let readings = fitted(campaign);
+    let whiteners = noise::whiteners(
+        &without.model,
+        &without.values,
+        &readings,
+        &without.noise.shape,
+    );
+    let model = without.model.with(effect);
+    let base = without.free.len();
+    let mut values = without.values.clone();
+    let mut free = without.free.clone();
+    free.extend(values.len()..model.start().len());
+    values.resize(model.start().len(), 0.0);
+    let problem = CampaignProblem::new(&model, &readings, &whiteners, &free, &values);
+    let at: Vec<f64> = free.iter().map(|&k| values[k]).collect();
+    let gram = Gram::new(&problem.blocks(&at), base);
+    let variance = against(without, &gram).variance;
+    gram.score(base..free.len(), variance).log_evidence
 }
 
 /// The model with one more effect, or with more waves of one that it has.
