@@ -43,8 +43,21 @@ pub fn left_out(
     counts.iter().map(error).collect()
 }
 
-/// Sum of squares of all rows of `[J | r]`, each predicted without its fold. `folds` by rows.
-pub fn cross_validated(matrix: &DMatrix<f64>, folds: &[usize], priors: &[f64]) -> f64 {
+/// Is the second list of errors, by folds, lower than the first by more than the standard error of their difference?
+///
+/// Source: the one-standard-error rule of Breiman, Friedman, Olshen, Stone 1984, *Classification and Regression Trees*,
+/// section 3.4.3, on paired differences.
+pub fn lower(first: &[f64], second: &[f64]) -> bool {
+    let falls: Vec<f64> = first.iter().zip(second).map(|(a, b)| a - b).collect();
+    let count = falls.len() as f64;
+    let sum: f64 = falls.iter().sum();
+    let spread = falls.iter().map(|fall| (fall - sum / count).powi(2));
+    let error = (spread.sum::<f64>() * count / (count - 1.0)).sqrt();
+    sum > error
+}
+
+/// Sums of squares of the rows of `[J | r]` by folds, each predicted without its own. `folds` by rows.
+pub fn cross_validated(matrix: &DMatrix<f64>, folds: &[usize], priors: &[f64]) -> Vec<f64> {
     let of = |fold: usize, inside: bool| -> DMatrix<f64> {
         let rows: Vec<usize> = (0..folds.len())
             .filter(|&row| (folds[row] == fold) == inside)
@@ -53,5 +66,5 @@ pub fn cross_validated(matrix: &DMatrix<f64>, folds: &[usize], priors: &[f64]) -
     };
     (0..FOLDS)
         .flat_map(|fold| left_out(&of(fold, false), &of(fold, true), priors, &[priors.len()]))
-        .sum()
+        .collect()
 }

@@ -150,10 +150,10 @@ pub fn diagnose_until(
 ) -> Result<Diagnosis, FitError> {
     on_step("fitting the base model");
     let mut campaign = campaign.clone();
-    let mut base = finite_fit(&campaign, model)?;
+    let mut base = finite_fit(&campaign, model, None)?;
     let rejected = reject(&mut campaign, &base);
     if !rejected.is_empty() {
-        base = finite_fit(&campaign, model)?;
+        base = finite_fit(&campaign, model, None)?;
     }
     on_step("scoring the catalogue");
     let first = analyse(&campaign, &base);
@@ -205,7 +205,7 @@ pub fn diagnose_until(
         let Some(model) = extended(&current.model, best, found) else {
             break;
         };
-        let next = finite_fit(&campaign, &model)?;
+        let next = finite_fit(&campaign, &model, Some(&current))?;
         let analysis = analyse(&campaign, &next);
         look = analyse_again(&analysis);
         if look.alarm && !predicts_better(&campaign, &current, &next) {
@@ -295,7 +295,7 @@ fn extended(model: &Model, id: &str, waves: &[Wave]) -> Option<Model> {
     Some(model.with(&effect(id)?))
 }
 
-/// Does the later fit predict poses left out better, on the noise of the earlier? What alarms and does not is no
+/// Does the later fit predict poses left out better by more than chance, on the noise of the earlier? What alarms and does not is no
 /// cause, only the best of the catalogue at imitating one.
 fn predicts_better(campaign: &Campaign, before: &Fit, after: &Fit) -> bool {
     let readings = fitted(campaign);
@@ -321,15 +321,18 @@ fn predicts_better(campaign: &Campaign, before: &Fit, after: &Fit) -> bool {
         }
         folds::cross_validated(&matrix, &folds, &vec![fit::solve::WEAK; at.len()])
     };
-    error(after) < error(before)
+    folds::lower(&error(before), &error(after))
 }
 
-/// A fit whose residuals are numbers: tests on others would not end.
-fn finite_fit(campaign: &Campaign, model: &Model) -> Result<Fit, FitError> {
+/// A fit whose residuals are numbers: tests on others would not end. `near` is one with fewer effects.
+fn finite_fit(campaign: &Campaign, model: &Model, near: Option<&Fit>) -> Result<Fit, FitError> {
     let quick = Options {
         cross_validate: false,
     };
-    let found = fit::fit(campaign, model, &quick, |_| {})?;
+    let found = match near {
+        Some(near) => fit::refit(campaign, model, near)?,
+        None => fit::fit(campaign, model, &quick, |_| {})?,
+    };
     if found.fit.whitened_rms.is_finite() {
         return Ok(found);
     }

@@ -260,7 +260,7 @@ impl Scan {
         })
     }
 
-    /// How many waves make the error of poses left out smallest, each fold searching for its own.
+    /// How many waves predict poses left out as well as any number does, each fold searching for its own.
     fn predicting(&self, most: usize, against: &Against, alarm: f64) -> usize {
         let errors: Vec<Vec<f64>> = (0..folds::FOLDS)
             .into_par_iter()
@@ -279,10 +279,14 @@ impl Scan {
                     .collect()
             })
             .collect();
-        let total = |k: usize| errors.iter().map(|fold| fold[k]).sum::<f64>();
-        let totals: Vec<f64> = (0..=most).map(total).collect();
-        let least = (0..=most).min_by(|&a, &b| totals[a].total_cmp(&totals[b]));
-        least.unwrap_or(0)
+        let of = |k: usize| -> Vec<f64> { errors.iter().map(|fold| fold[k]).collect() };
+        let total = |k: &usize| of(*k).iter().sum::<f64>();
+        let least = (0..=most).min_by(|a, b| total(a).total_cmp(&total(b)));
+        let best = of(least.unwrap_or(0));
+        // the fewest that are not worse by more than chance
+        (0..=most)
+            .find(|&k| !folds::lower(&of(k), &best))
+            .unwrap_or(0)
     }
 
     /// Squared errors of the tested readings with none, one, … all of the waves fitted to the kept ones.

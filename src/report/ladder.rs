@@ -133,9 +133,8 @@ fn stopped_because(ladder: &Ladder) -> String {
         let p = p_value(v.p_value);
         format!("with {} ({}), {p}", v.variable, v.pattern)
     });
-    let contrast = last
-        .contrasts_left
-        .iter()
+    let sure = last.contrasts_left.iter().filter(|c| c.p_value < 1e-3);
+    let contrast = sure
         .min_by(|a, b| a.p_value.total_cmp(&b.p_value))
         .map(|c| format!("{}, {}", words(c.name), p_value(c.p_value)));
     let places: Vec<String> = contrast.into_iter().chain(variable).collect();
