@@ -60,9 +60,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let path = arguments.campaign.display();
         let next = match &arguments.save_model {
             Some(file) => format!("misfit fit {path} --model {}", file.display()),
-            None => {
-                format!("misfit ladder {path} -o model.toml     writes the model of the last rung")
-            }
+            None => format!("misfit ladder {path} -o model.toml"),
         };
         let text = report::ladder::text(&campaign, &found);
         print(&format!("{text}\nnext     {next}\n"))?;

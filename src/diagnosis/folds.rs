@@ -29,7 +29,7 @@ pub fn left_out(
     counts: &[usize],
 ) -> Vec<f64> {
     let n = priors.len();
-    let mut normal = kept.tr_mul(kept);
+    let mut normal = kept.transpose() * kept;
     for (k, prior) in priors.iter().enumerate() {
         normal[(k, k)] += prior * prior;
     }
@@ -43,17 +43,22 @@ pub fn left_out(
     counts.iter().map(error).collect()
 }
 
-/// Is the second list of errors, by folds, lower than the first by more than the standard error of their difference?
+/// Share of the whole fall of an error that a further step has to bring.
+const WORTH: f64 = 0.01;
+
+/// Is the second list of errors, by folds, lower than the first by more than the standard error of their difference,
+/// and by more than a hundredth of the whole fall from `begin` on?
 ///
 /// Source: the one-standard-error rule of Breiman, Friedman, Olshen, Stone 1984, *Classification and Regression Trees*,
 /// section 3.4.3, on paired differences.
-pub fn lower(first: &[f64], second: &[f64]) -> bool {
+pub fn lower(begin: &[f64], first: &[f64], second: &[f64]) -> bool {
     let falls: Vec<f64> = first.iter().zip(second).map(|(a, b)| a - b).collect();
     let count = falls.len() as f64;
     let sum: f64 = falls.iter().sum();
     let spread = falls.iter().map(|fall| (fall - sum / count).powi(2));
     let error = (spread.sum::<f64>() * count / (count - 1.0)).sqrt();
-    sum > error
+    let whole = begin.iter().sum::<f64>() - second.iter().sum::<f64>();
+    sum > error && sum > WORTH * whole
 }
 
 /// Sums of squares of the rows of `[J | r]` by folds, each predicted without its own. `folds` by rows.

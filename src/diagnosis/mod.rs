@@ -107,8 +107,7 @@ pub struct Diagnosis {
     pub base: Fit,
     /// The fit with the named effects; the base's if none.
     pub fit: Fit,
-    /// Effects added one after the other, each with the fit that then was reached; `gear_ripple` again for each further
-    /// set of waves.
+    /// Effects added one after the other, each with the fit that then was reached.
     pub steps: Vec<(&'static str, Fit)>,
     /// Did the caller's wish end the search?
     pub stopped: bool,
@@ -156,7 +155,7 @@ pub fn diagnose_until(
         base = finite_fit(&campaign, model, None)?;
     }
     on_step("scoring the catalogue");
-    let first = analyse(&campaign, &base);
+    let first = analyse(&campaign, &base, true);
     let mut current = base.clone();
     let mut last = first.clone();
     let mut look = analyse_again(&first);
@@ -187,9 +186,7 @@ pub fn diagnose_until(
             verdict = left_over(&named, &current);
             break;
         };
-        // waves found later belong to the effect that is named already
-        let again = named.contains(&best);
-        if named.len() == MOST && !again {
+        if named.len() == MOST {
             verdict = Verdict::NamedIncomplete;
             break;
         }
@@ -206,18 +203,20 @@ pub fn diagnose_until(
             break;
         };
         let next = finite_fit(&campaign, &model, Some(&current))?;
-        let analysis = analyse(&campaign, &next);
+        // one search finds the waves that there are
+        let waves_known = best == ripple::EFFECT || named.contains(&ripple::EFFECT);
+        let analysis = analyse(&campaign, &next, !waves_known);
         look = analyse_again(&analysis);
-        if look.alarm && !predicts_better(&campaign, &current, &next) {
+        if look.alarm && !predicts_better(&campaign, &base, &current, &next) {
             refused = Some(best);
             verdict = left_over(&named, &current);
             break;
         }
-        waves.extend_from_slice(found);
-        (current, last) = (next, analysis);
-        if !again {
-            named.push(best);
+        if best == ripple::EFFECT {
+            waves = last.waves;
         }
+        (current, last) = (next, analysis);
+        named.push(best);
         steps.push((best, current.clone()));
         verdict = Verdict::Named;
     }
@@ -295,16 +294,12 @@ fn extended(model: &Model, id: &str, waves: &[Wave]) -> Option<Model> {
     Some(model.with(&effect(id)?))
 }
 
-/// Does the later fit predict poses left out better by more than chance, on the noise of the earlier? What alarms and does not is no
-/// cause, only the best of the catalogue at imitating one.
-fn predicts_better(campaign: &Campaign, before: &Fit, after: &Fit) -> bool {
+/// Does the later fit predict poses left out better by more than chance, and by a share of what was gained since the
+/// base model that is worth having? What alarms and does not is no cause, only the best of the catalogue at imitating
+/// one.
+fn predicts_better(campaign: &Campaign, base: &Fit, before: &Fit, after: &Fit) -> bool {
     let readings = fitted(campaign);
-    let whiteners = noise::whiteners(
-        &before.model,
-        &before.values,
-        &readings,
-        &before.noise.shape,
-    );
+    let whiteners = noise::whiteners(&base.model, &base.values, &readings, &base.noise.shape);
     let of_reading = folds::by_pose(&readings).into_iter().zip(&whiteners);
     let folds: Vec<usize> = of_reading
         .flat_map(|(fold, whitener)| std::iter::repeat_n(fold, whitener.rows))
@@ -321,7 +316,7 @@ fn predicts_better(campaign: &Campaign, before: &Fit, after: &Fit) -> bool {
         }
         folds::cross_validated(&matrix, &folds, &vec![fit::solve::WEAK; at.len()])
     };
-    folds::lower(&error(before), &error(after))
+    folds::lower(&error(base), &error(before), &error(after))
 }
 
 /// A fit whose residuals are numbers: tests on others would not end. `near` is one with fewer effects.
@@ -433,8 +428,8 @@ fn analyse_again(analysis: &Analysis) -> Look {
 /// Harmonics of the scan over joint angles.
 const HARMONICS: usize = 3;
 
-/// Runs all tests on a fit.
-fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
+/// Runs all tests on a fit; `with_waves`: the scan for those of a gear too.
+fn analyse(campaign: &Campaign, fit: &Fit, with_waves: bool) -> Analysis {
     let readings = fitted(campaign);
     let mut model = fit.model.clone();
     let mut families: Vec<(&'static str, Range<usize>)> = Vec::new();
@@ -499,20 +494,20 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
         let p_value = against.p_value(score.chi2, score.dof as f64);
         consider(effect, score, p_value);
     }
-    let waves =
-        match ripple::Scan::new(fit, &readings, &whiteners, &blocks, base).waves(&against, ALARM) {
+    let mut waves = Vec::new();
+    if with_waves {
+        let scan = ripple::Scan::new(fit, &readings, &whiteners, &blocks, base);
+        match scan.waves(&against, ALARM) {
             Some(found) => {
                 consider(ripple::EFFECT, found.score, found.p_value);
-                found.waves
+                waves = found.waves;
             }
-            None => {
-                cannot_see.push(CannotSee {
-                    effect: ripple::EFFECT,
-                    why: ripple::NEEDS.to_owned(),
-                });
-                Vec::new()
-            }
-        };
+            None => cannot_see.push(CannotSee {
+                effect: ripple::EFFECT,
+                why: ripple::NEEDS.to_owned(),
+            }),
+        }
+    }
     candidates.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
     let field = field(&readings, &whiteners, &blocks, &gram, base);
     let mut variables = scan(&field, &model, fit, &readings, &whiteners, &against);

@@ -7,7 +7,7 @@
 //!
 //! The probability of a peak from noise alone counts all frequencies tried: with `p` that of the pair alone and
 //! `z = -ln p`, at most `p (1 + W √z)`, where `W = ΔN √(4π var q) / 2π` is the number of independent frequencies.
-//! Source: Baluev 2008, *Assessing the statistical significance of periodogram peaks*, MNRAS 385, 1279, eq. 5 and 6.
+//! Source: Baluev 2008, *Assessing the statistical significance of periodogram peaks*, MNRAS 385, 1279.
 
 use super::folds;
 use super::score::{Against, Score};
@@ -283,9 +283,9 @@ impl Scan {
         let total = |k: &usize| of(*k).iter().sum::<f64>();
         let least = (0..=most).min_by(|a, b| total(a).total_cmp(&total(b)));
         let best = of(least.unwrap_or(0));
-        // the fewest that are not worse by more than chance
+        // the fewest that are not worse by more than chance, or by a share worth having
         (0..=most)
-            .find(|&k| !folds::lower(&of(k), &best))
+            .find(|&k| !folds::lower(&of(0), &of(k), &best))
             .unwrap_or(0)
     }
 
@@ -742,7 +742,7 @@ impl<'a> Search<'a> {
     /// Columns with what the base model can do taken out.
     fn partialled(&self, columns: DMatrix<f64>) -> DMatrix<f64> {
         let base = self.basis.columns(0, self.rank);
-        &columns - base * base.tr_mul(&columns)
+        &columns - base * (base.transpose() * &columns)
     }
 
     /// All pairs by rows, base model partialled out.
@@ -774,10 +774,15 @@ impl<'a> Search<'a> {
         self.partialled(all)
     }
 
+    /// Period over a joint's range, cycles a turn.
+    fn period(&self, joint: usize) -> f64 {
+        self.lanes[joint].as_ref().map_or(0.0, |lane| lane.period)
+    }
+
     /// Amplitudes of all waves together, rad, and what they leave of the misfit.
     fn amplitudes(&self, pairs: &DMatrix<f64>) -> (DVector<f64>, f64) {
         let right = pairs.tr_mul(&self.of_base);
-        let found = Cholesky::new(pairs.tr_mul(pairs)).map(|c| c.solve(&right));
+        let found = Cholesky::new(pairs.transpose() * pairs).map(|c| c.solve(&right));
         let found = found.unwrap_or_else(|| DVector::zeros(right.len()));
         let left = (&self.of_base - pairs * &found).norm_squared();
         (found, left)
@@ -789,13 +794,20 @@ impl<'a> Search<'a> {
         let mut pairs = self.pairs();
         let (mut amplitudes, mut left) = self.amplitudes(&pairs);
         let mut deviations = vec![f64::INFINITY; count];
+        let peaks: Vec<f64> = self.found.iter().map(|peak| peak.cycles).collect();
         for _ in 0..REFINEMENTS {
             let rates = self.rates(&amplitudes);
             // rates with the pairs partialled out as well: the normal equations of the cycles alone
-            let inner = Cholesky::new(pairs.tr_mul(&pairs));
+            let inner = Cholesky::new(pairs.transpose() * &pairs);
             let Some(inner) = inner else { break };
-            let rates = &rates - &pairs * inner.solve(&pairs.tr_mul(&rates));
-            let Some(normal) = Cholesky::new(rates.tr_mul(&rates)) else {
+            let rates = &rates - &pairs * inner.solve(&(pairs.transpose() * &rates));
+            let mut normal = rates.transpose() * &rates;
+            for (k, peak) in self.found.iter().enumerate() {
+                // a peak is no wider: neighbours would trade places
+                let width = self.period(peak.joint) / STEPS;
+                normal[(k, k)] += self.against.variance / width.powi(2);
+            }
+            let Some(normal) = Cholesky::new(normal) else {
                 break;
             };
             let inverse = normal.inverse();
@@ -804,11 +816,12 @@ impl<'a> Search<'a> {
             }
             let step = normal.solve(&rates.tr_mul(&self.of_base));
             let before: Vec<f64> = self.found.iter().map(|peak| peak.cycles).collect();
+            let periods: Vec<f64> = self.found.iter().map(|p| self.period(p.joint)).collect();
             for (k, peak) in self.found.iter_mut().enumerate() {
-                let most = self.lanes[peak.joint]
-                    .as_ref()
-                    .map_or(0.0, |l| l.step / 2.0);
-                peak.cycles += step[k].clamp(-most, most);
+                let most = 0.5 * periods[k] / STEPS;
+                let here = peak.cycles + step[k].clamp(-most, most);
+                // waves that met would only beat with each other
+                peak.cycles = here.clamp(peaks[k] - 2.0 * most, peaks[k] + 2.0 * most);
             }
             let moved = self.pairs();
             let (next, reached) = self.amplitudes(&moved);
@@ -862,7 +875,7 @@ fn joined(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
 
 /// Orthonormal columns that span the directions of a matrix that count.
 fn orthonormal(columns: &DMatrix<f64>) -> DMatrix<f64> {
-    let eigen = columns.tr_mul(columns).symmetric_eigen();
+    let eigen = (columns.transpose() * columns).symmetric_eigen();
     let counts = |&k: &usize| eigen.eigenvalues[k].max(0.0).sqrt() >= solve::WEAK;
     let kept: Vec<usize> = (0..columns.ncols()).filter(counts).collect();
     let mut root = eigen.eigenvectors.select_columns(&kept);
@@ -897,7 +910,7 @@ fn rounded(value: f64, deviation: f64) -> f64 {
     if !(deviation.is_finite() && deviation > 0.0) {
         return value;
     }
-    let unit = 10f64.powi(deviation.log10().floor().clamp(-6.0, 0.0) as i32);
+    let unit = 10f64.powi((deviation / 5.0).log10().floor().clamp(-6.0, 0.0) as i32);
     let inverse = (1.0 / unit).round();
     (value * inverse).round() / inverse
 }

@@ -1,25 +1,30 @@
 //! Kinematic error of each gear on its input side: many cycles per turn of the joint.
 //!
 //! ## Law
-//! `dq_j = s sin(N q_j) + c cos(N q_j)`, rad, with `N` cycles per output turn. Option `cycles`: one number, or a table by
-//! joint; the wave generator of a strain-wave gear makes two cycles per input turn, so that a gear of ratio 100 makes
-//! 200, which is the default. The number has to be right to a small share of a cycle over the joint's range: where it
-//! is not known, a diagnosis finds it by a scan. Sliding joints have none.
+//! `dq_j = s sin(N q_j) + c cos(N q_j)`, rad, with `N` cycles per output turn, for one `N` or several. Option `cycles`: a
+//! number, a list, or a table of them by joint (`cycles = { shoulder = [25.0, 50.0] }`; joints that it leaves out have no
+//! wave). The wave generator of a strain-wave gear makes two cycles per input turn, so that a gear of ratio 100 makes 200,
+//! which is the default of a fit. `N` need not be whole, and has to be right to a small share of a cycle over the joint's
+//! range: where it is not known, `misfit diagnose` and `misfit ladder` find it. Parameters are named by their cycles
+//! (`shoulder.sin25`, `shoulder.cos25`). Sliding joints have none.
 //!
 //! ## Signature
 //! Periodic in the joint's own angle with so short a period that random poses see noise: the residual is as large between
 //! neighbouring poses as between distant ones, and repeats exactly when a pose is repeated.
 //!
 //! ## Confused with
-//! Noise, as long as `N` is not known. `transmission_error` takes up a little where few angles were measured. A sweep of
-//! one joint in steps of a degree settles it.
+//! Noise, as long as `N` is not known. Waves are looked for up to 320 cycles a turn, and from one period over the joint's
+//! range above the slowest two that `transmission_error` has. Where few angles were measured, other numbers of cycles
+//! explain the readings as well: a diagnosis names them. Many waves of one joint together may stand for an error of its
+//! angle that is not periodic. A sweep of one joint in steps of a degree settles it.
 //!
 //! ## Plant
 //! An amplitude and a phase, added to the command before the joint's spring is set to rest there.
 //!
 //! ## Sources
 //! Tuttle, Seering 1996, *A nonlinear model of a harmonic drive gear transmission*, IEEE Trans. Robotics and
-//! Automation 12(3).
+//! Automation 12(3), 368-374. The scan: Baluev 2008, *Assessing the statistical significance of periodogram peaks*,
+//! MNRAS 385, 1279.
 
 use super::options::{List, Numbers, PerJoint};
 use super::{Effect, Parameter, Stage, turning};
