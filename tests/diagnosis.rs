@@ -206,7 +206,7 @@ fn the_ladder_of_a_real_robot_falls() {
     let found = ladder::climb(&campaign, None, None, &QUICK, |_| {}).unwrap();
     let added: Vec<&str> = found.rungs.iter().map(|r| r.added.as_str()).collect();
     assert_eq!(added[..3], ["nominal", "joint_offset", "geometry"]);
-    assert!(added.contains(&"transmission_error"), "{added:?}");
+    assert!(added.contains(&"gear_ripple"), "{added:?}");
     let errors = found
         .rungs
         .iter()

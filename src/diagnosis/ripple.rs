@@ -217,7 +217,9 @@ impl Scan {
     pub fn waves(&self, against: &Against, alarm: f64) -> Option<Found> {
         let all: Vec<usize> = (0..self.folds.len()).collect();
         let mut search = Search::new(self, &all, *against);
+        let expected = search.expected();
         search.grow(alarm, MOST);
+        let sure = !search.found.is_empty();
         let keep = match search.found.len() {
             0 => {
                 let joints = vec![true; self.joints.len()];
@@ -235,6 +237,7 @@ impl Scan {
                 score: Score {
                     log_evidence: -trials,
                     chi2: 0.0,
+                    expected,
                     ..search.score()
                 },
                 p_value,
@@ -245,6 +248,8 @@ impl Scan {
         let mut score = search.score();
         // each wave pays for the frequencies tried
         score.log_evidence -= trials * keep as f64;
+        // what predicts poses left out can be seen, whatever its size
+        score.expected = if sure { f64::INFINITY } else { expected };
         let waves = search.found.iter().enumerate().map(|(k, peak)| Wave {
             joint: self.joints[peak.joint].name.clone(),
             cycles: peak.cycles,
@@ -530,6 +535,13 @@ impl<'a> Search<'a> {
         search.lanes = lanes.map(|joint| search.lane(joint)).collect();
         search.trials = search.lanes.iter().flatten().map(|lane| lane.trials).sum();
         search
+    }
+
+    /// Expected λ of the wave of typical size that would show most.
+    fn expected(&self) -> f64 {
+        let moments = self.lanes.iter().flatten().flat_map(|lane| &lane.moments);
+        let largest = moments.map(|m| m.ss + m.cc).fold(0.0, f64::max);
+        largest * TYPICAL.powi(2) / self.against.variance
     }
 
     /// Where nothing else says how large the noise is, it is what is left.
