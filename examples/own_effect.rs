@@ -5,7 +5,7 @@
 
 use anyhow::{Context, ensure};
 use misfit::dual_quaternion::Scalar;
-use misfit::effects::{AnyEffect, Effect, Parameter, Stage};
+use misfit::effects::{Effect, Parameter, Stage};
 use misfit::fit::{Options, fit};
 use misfit::model_file;
 use misfit::plant::{PlantError, PlantSpec};
@@ -60,7 +60,7 @@ fn main() -> anyhow::Result<()> {
     scenario.name = "hose".to_owned();
 
     // the hidden truth: the hose in the place of the scenario's gear error
-    let hose: Arc<dyn AnyEffect> = Arc::new(Hose);
+    let hose = misfit::effects::own(Hose);
     let size = |name: &str| match name {
         "r1_e" => 6e-4,
         _ => 0.0,
@@ -76,7 +76,6 @@ fn main() -> anyhow::Result<()> {
     scenario.truth.push(Truth {
         effect: hose.clone(),
         values: values.collect(),
-        options: toml::Table::new(),
     });
 
     let campaign = simulate(&scenario, || {})?;

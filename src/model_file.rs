@@ -1,11 +1,13 @@
 //! Which effects a model holds: the default, a list of names, or a model file.
 
-use crate::campaign::{Campaign, Frame};
-use crate::effects::CATALOGUE;
+use crate::campaign::{Campaign, Frame, write_atomically};
 use crate::effects::table::{Choice, TableError, unique};
+use crate::effects::{AnyEffect, CATALOGUE};
 use crate::model::Model;
 use crate::setup::Setup;
+use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Why there is no model.
 #[derive(Debug, thiserror::Error)]
@@ -13,6 +15,14 @@ pub enum ModelError {
     /// The file cannot be read.
     #[error("{file}: {source}")]
     Read {
+        /// Model file.
+        file: String,
+        /// Reason.
+        source: std::io::Error,
+    },
+    /// The file cannot be written.
+    #[error("{file}: {source}")]
+    Write {
         /// Model file.
         file: String,
         /// Reason.
@@ -128,6 +138,54 @@ fn default_effects(campaign: &Campaign, setup: &Setup) -> Vec<&'static str> {
     list
 }
 
+/// Effects of a model file to be tried beside the catalogue. What it holds and its values are of no account.
+///
+/// # Errors
+/// As [`read`], and for effects that do not fit the robot.
+pub fn candidates(campaign: &Campaign, file: &Path) -> Result<Vec<Arc<dyn AnyEffect>>, ModelError> {
+    let setup = Setup::of(campaign);
+    let choices = read(file)?;
+    let source = file.display().to_string();
+    unique(&source, &choices)?;
+    for choice in &choices {
+        choice.apply(&source, &setup, &mut choice.effect.parameters(&setup))?;
+    }
+    Ok(choices.into_iter().map(|choice| choice.effect).collect())
+}
+
+/// Writes a model as a file that [`model`] reads: effects with their options, what is held, and values that it starts
+/// from or holds.
+///
+/// # Errors
+/// What the file system says.
+pub fn write(path: &Path, model: &Model) -> Result<(), ModelError> {
+    let tables = model.terms.iter().map(|term| {
+        let mut table = toml::Table::new();
+        table.insert("kind".to_owned(), term.effect.kind().into());
+        table.extend(term.effect.options().clone());
+        let held = term.parameters.iter().filter(|p| !p.vary);
+        let held: Vec<toml::Value> = held.map(|p| p.name.clone().into()).collect();
+        if !held.is_empty() {
+            table.insert("hold".to_owned(), held.into());
+        }
+        let told = term.parameters.iter().filter(|p| p.value != 0.0);
+        let values: toml::Table = told.map(|p| (p.name.clone(), p.value.into())).collect();
+        if !values.is_empty() {
+            table.insert("values".to_owned(), values.into());
+        }
+        table
+    });
+    let document = ModelDocument {
+        effect: tables.collect(),
+    };
+    let refuse = |source| ModelError::Write {
+        file: path.display().to_string(),
+        source,
+    };
+    let text = toml::to_string(&document).map_err(|error| refuse(std::io::Error::other(error)))?;
+    write_atomically(path, |file| file.write_all(text.as_bytes())).map_err(refuse)
+}
+
 /// Reads the `[[effect]]` tables of a model file: effects with their options, what is held, and values. They are not
 /// yet checked against a robot: [`Choice::apply`] does that.
 ///
@@ -153,7 +211,7 @@ pub fn read(path: &Path) -> Result<Vec<Choice>, ModelError> {
     Ok(choices)
 }
 
-#[derive(serde::Deserialize)]
+#[derive(serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ModelDocument {
     #[serde(default)]

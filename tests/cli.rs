@@ -1605,6 +1605,15 @@ fn diagnose_and_ladder_keep_their_contract() {
     let found = json(lab(), &["ladder", "cell.mcap", "--json"]);
     assert_eq!(found["schema"], "misfit.ladder/1");
     assert_eq!(found["rungs"][0]["added"], "nominal");
+    for key in ["left_out", "floor_m", "stopped_because"] {
+        assert!(found.get(key).is_some(), "ladder --json has no {key}");
+    }
+    for key in ["waves", "refused"] {
+        assert!(found["last"].get(key).is_some(), "a diagnosis has no {key}");
+    }
+    let ran = run(lab(), &["ladder", "cell.mcap", "--stop-at", "three"]);
+    assert_eq!(ran.code, Some(2));
+    assert!(ran.err.contains("0.3mm"), "{}", ran.err);
     assert_eq!(found["last"]["schema"], "misfit.diagnosis/1");
     for words in [["diagnose", "cell.mcap"], ["ladder", "cell.mcap"]] {
         for line in done(lab(), &words).lines() {

@@ -2,7 +2,7 @@
 
 use super::{Outcome, print, print_json, progress};
 use crate::campaign::Campaign;
-use crate::diagnosis;
+use crate::diagnosis::{self, ripple};
 use crate::fit::Options;
 use crate::{model_file, report};
 use std::path::PathBuf;
@@ -22,6 +22,12 @@ pub struct Arguments {
     /// Model file with [[effect]] tables.
     #[arg(long, value_name = "M.toml")]
     model: Option<PathBuf>,
+    /// Model file whose [[effect]] tables are tried beside the catalogue: laws of your own.
+    #[arg(long, value_name = "M.toml")]
+    candidates: Option<PathBuf>,
+    /// Write the model with what is missing, for --model.
+    #[arg(short = 'o', long, value_name = "M.toml")]
+    save_model: Option<PathBuf>,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -42,19 +48,35 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let options = Options {
         cross_validate: !arguments.no_cross_validation,
     };
+    let own = match &arguments.candidates {
+        Some(file) => model_file::candidates(&campaign, file)?,
+        None => Vec::new(),
+    };
     let say = |text: &str| spinner.set_message(text.to_owned());
-    let found = diagnosis::diagnose(&campaign, &model, &options, say)?;
+    let found = diagnosis::diagnose(&campaign, &model, &own, &options, say)?;
     spinner.finish_and_clear();
+    if let Some(file) = &arguments.save_model {
+        model_file::write(file, &found.fit.model)?;
+    }
     if arguments.json {
         print_json(&report::diagnosis::document(&found))?;
     } else {
         let path = arguments.campaign.display();
         let of_model = arguments.model.as_ref();
         let of_model = of_model.map(|model| format!(" --model {}", model.display()));
-        let add = found.named.first().map(|effect| {
-            let model = of_model.as_deref().unwrap_or("");
-            format!("misfit fit {path}{model} --effects +{effect}")
-        });
+        let given = of_model.as_deref().unwrap_or("");
+        let add = match (
+            found.named.first().map(String::as_str),
+            &arguments.save_model,
+        ) {
+            (Some(_), Some(file)) => Some(format!("misfit fit {path} --model {}", file.display())),
+            // its cycles are options: a file holds them
+            (Some(ripple::EFFECT), None) => {
+                Some(format!("misfit diagnose {path}{given} -o model.toml"))
+            }
+            (Some(effect), None) => Some(format!("misfit fit {path}{given} --effects +{effect}")),
+            (None, _) => None,
+        };
         // a ladder starts from the frames, whatever the model
         let ladder = of_model.is_none().then(|| format!("misfit ladder {path}"));
         let next: Vec<String> = add.into_iter().chain(ladder).collect();

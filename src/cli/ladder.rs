@@ -3,17 +3,33 @@
 use super::{Outcome, print, print_json, progress};
 use crate::campaign::Campaign;
 use crate::fit::Options;
-use crate::{ladder, report};
+use crate::ladder::{self, Stop};
+use crate::{model_file, report};
 use std::path::PathBuf;
 
 /// Watch the error fall: from frames alone, rung by rung, until nothing more is detectable.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   misfit ladder cell3.toml
+  misfit ladder cell3.toml -o model.toml && misfit fit cell3.toml --model model.toml
+  misfit ladder cell3.toml --effects +backlash          go on from the default and backlash
+  misfit ladder cell3.toml --stop-at 0.3mm              no further than needed
   misfit ladder cell3.toml --json | jq '.rungs[].added'")]
 pub struct Arguments {
     /// Campaign: a .toml file with its table, or a .mcap recording.
     campaign: PathBuf,
+    /// Effects to go on from, comma-separated; a leading + adds to the default.
+    #[arg(long, value_name = "A,B,…", allow_hyphen_values = true)]
+    effects: Option<String>,
+    /// Model file whose [[effect]] tables are tried beside the catalogue: laws of your own.
+    #[arg(long, value_name = "M.toml")]
+    candidates: Option<PathBuf>,
+    /// Stop at an error of the fitted readings (0.3mm), after so many rungs (5), or with an effect.
+    #[arg(long, value_name = "WHERE", value_parser = Stop::parse)]
+    stop_at: Option<Stop>,
+    /// Write the model of the last rung, for --model.
+    #[arg(short = 'o', long, value_name = "M.toml")]
+    save_model: Option<PathBuf>,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -29,13 +45,33 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let options = Options {
         cross_validate: !arguments.no_cross_validation,
     };
+    let own = match &arguments.candidates {
+        Some(file) => model_file::candidates(&campaign, file)?,
+        None => Vec::new(),
+    };
     let say = |text: &str| spinner.set_message(text.to_owned());
-    let found = ladder::climb(&campaign, &options, say)?;
+    let found = ladder::climb(
+        &campaign,
+        arguments.effects.as_deref(),
+        &own,
+        arguments.stop_at.as_ref(),
+        &options,
+        say,
+    )?;
+    if let Some(file) = &arguments.save_model {
+        model_file::write(file, &found.last.fit.model)?;
+    }
     spinner.finish_and_clear();
     if arguments.json {
         print_json(&report::ladder::document(&found))?;
     } else {
-        print(&report::ladder::text(&campaign, &found))?;
+        let path = arguments.campaign.display();
+        let next = match &arguments.save_model {
+            Some(file) => format!("misfit fit {path} --model {}", file.display()),
+            None => format!("misfit ladder {path} -o model.toml"),
+        };
+        let text = report::ladder::text(&campaign, &found);
+        print(&format!("{text}\nnext     {next}\n"))?;
     }
     Ok(if found.last.fit.converged {
         Outcome::Done

@@ -15,6 +15,8 @@ pub struct Family {
     pub columns: Range<usize>,
     /// Those of one joint (or one parameter) each: real faults often have one place.
     groups: Vec<Range<usize>>,
+    /// What finding its form cost, nats.
+    pub trials: f64,
 }
 
 /// A family's score, with all its parameters or with those of one place.
@@ -72,6 +74,7 @@ impl Family {
             effect: effect.clone(),
             columns: first..first + parameters.len(),
             groups,
+            trials: 0.0,
         }
     }
 
@@ -92,9 +95,9 @@ impl Family {
             dof: all.dof,
             raw: all.raw,
             expected: all.expected,
-            log_evidence,
+            log_evidence: log_evidence - self.trials,
             scale: all.scale,
-            p_value,
+            p_value: (p_value * self.trials.exp()).min(1.0),
         }
     }
 }

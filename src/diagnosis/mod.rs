@@ -7,8 +7,10 @@
 
 mod contrasts;
 mod families;
+mod folds;
 mod patterns;
 mod prediction;
+pub mod ripple;
 pub(crate) mod score;
 mod screen;
 mod search;
@@ -25,6 +27,7 @@ use families::{Family, FamilyScore};
 use nalgebra::DMatrix;
 pub use patterns::Pattern;
 use prediction::{Folds, Gain};
+use ripple::Wave;
 use score::{Against, Gram, Information};
 use std::sync::Arc;
 
@@ -94,6 +97,16 @@ pub struct Diagnosis {
     pub named: Vec<String>,
     /// Contrasts of the base model's misfit.
     pub contrasts: Vec<Contrast>,
+    /// Effects added one after the other, each with the fit that then was reached.
+    pub steps: Vec<(String, Fit)>,
+    /// Did the caller's wish end the search?
+    pub stopped: bool,
+    /// Contrasts of what the named effects leave.
+    pub contrasts_left: Vec<Contrast>,
+    /// An effect that alarms still, but with which poses left out are predicted no better.
+    pub refused: Option<String>,
+    /// Waves of the named `gear_ripple`, in the order in which they were found.
+    pub waves: Vec<Wave>,
     /// What the base model's misfit follows, the most evidence first.
     pub patterns: Vec<Pattern>,
     /// What is left after the named effects follows these.
@@ -137,101 +150,155 @@ impl Diagnosis {
     }
 }
 
-/// Diagnoses what a model lacks.
+/// Diagnoses what a model lacks; `own` are effects of the user's own to be tried beside the catalogue.
 ///
 /// # Errors
 /// As [`fit::fit`].
 pub fn diagnose(
     campaign: &Campaign,
     model: &Model,
+    own: &[Arc<dyn AnyEffect>],
+    options: &Options,
+    on_step: impl FnMut(&str),
+) -> Result<Diagnosis, FitError> {
+    diagnose_until(campaign, model, own, options, on_step, |_, _, _| false)
+}
+
+/// The same, ended early where `enough` says so of the number of steps so far, the last effect and its fit.
+///
+/// # Errors
+/// As [`fit::fit`].
+pub fn diagnose_until(
+    campaign: &Campaign,
+    model: &Model,
+    own: &[Arc<dyn AnyEffect>],
     options: &Options,
     mut on_step: impl FnMut(&str),
+    enough: impl Fn(usize, Option<&str>, &Fit) -> bool,
 ) -> Result<Diagnosis, FitError> {
     on_step("fitting the base model");
     let mut campaign = campaign.clone();
-    let mut base = finite_fit(&campaign, model)?;
+    let mut base = finite_fit(&campaign, model, None)?;
     let rejected = reject(&mut campaign, &base);
     if !rejected.is_empty() {
-        base = finite_fit(&campaign, model)?;
+        base = finite_fit(&campaign, model, None)?;
     }
     on_step("scoring the catalogue");
-    let first = analyse(&campaign, &base);
-    let mut current = base.clone();
+    let first = analyse(&campaign, &base, own, true);
+    // where the noise is what is left, nobody knows how much is still to be explained: then one effect at a time
+    let measured = base.noise.source != Source::Residual;
+    let mut planned = if measured {
+        first.set.clone()
+    } else {
+        Vec::new()
+    };
+    planned.reverse();
+    let mut steps: Vec<(String, Fit)> = Vec::new();
     let mut last = first.clone();
-    let mut named: Vec<String> = Vec::new();
-    let mut evidence = 0.0;
-    for id in first.set.clone() {
-        on_step(&format!("refitting with {id}"));
-        let Some(effect) = effect(&id) else { continue };
-        current = finite_fit(&campaign, &current.model.with(&effect))?;
-        named.push(id);
+    let (mut evidence, mut stopped, mut refused) = (0.0, false, None);
+    if !planned.is_empty() {
         evidence = first.set_evidence;
     }
-    if !named.is_empty() {
-        on_step("testing what is left");
-        last = analyse(&campaign, &current);
+    let current = |steps: &[(String, Fit)]| steps.last().map_or(&base, |step| &step.1).clone();
+    while !planned.is_empty() || (!last.set.is_empty() && steps.len() < MOST) {
+        let so_far = current(&steps);
+        if enough(
+            steps.len(),
+            steps.last().map(|step| step.0.as_str()),
+            &so_far,
+        ) {
+            stopped = true;
+            break;
+        }
+        let (effect, surely) = match planned.pop() {
+            Some(effect) => (effect, true),
+            None => (last.set[0].clone(), false),
+        };
+        on_step(&format!("refitting with {}", effect.id()));
+        let next = finite_fit(&campaign, &so_far.model.with(&effect), Some(&so_far))?;
+        if planned.is_empty() {
+            on_step("testing what is left");
+            // one search finds the waves that there are
+            let with_waves =
+                steps.iter().all(|step| step.0 != ripple::EFFECT) && effect.id() != ripple::EFFECT;
+            let analysis = analyse(&campaign, &next, own, with_waves);
+            if !surely {
+                // large effects may hide another until they are refitted
+                if analysis.alarm && !predicts_better(&campaign, &base, &so_far, &next) {
+                    refused = Some(effect.id().to_owned());
+                    break;
+                }
+                evidence += last.first_evidence;
+            }
+            last = analysis;
+        }
+        steps.push((effect.id().to_owned(), next));
     }
-    // large effects may hide another until they are refitted
-    while let (Some(id), true) = (last.set.first().cloned(), named.len() < MOST) {
-        on_step(&format!("refitting with {id}"));
-        let Some(effect) = effect(&id) else { break };
-        current = finite_fit(&campaign, &current.model.with(&effect))?;
-        named.push(id);
-        evidence += last.first_evidence;
-        last = analyse(&campaign, &current);
-    }
+    let mut named: Vec<String> = steps.iter().map(|step| step.0.clone()).collect();
     let pattern = |analysis: &Analysis| analysis.patterns.first().map_or(0.0, |p| p.log_evidence);
     let (before, after) = (pattern(&first), pattern(&last).max(0.0));
-    // where the noise is what is left, nobody knows how much is still to be explained
-    let measured = base.noise.source != Source::Residual;
-    let worthless = first.gain.is_some_and(|gain| gain.is_below(WORTH));
+    let left = last.alarm || stopped || refused.is_some();
     let verdict = if named.is_empty() {
         if first.alarm {
             Verdict::Unknown
         } else {
             Verdict::Nothing
         }
-    } else if measured && (worthless || last.alarm || before > evidence + after + NEAR) {
+    } else if stopped || !measured {
+        if left {
+            Verdict::NamedIncomplete
+        } else if first.near.len() > named.len() {
+            Verdict::Alias
+        } else {
+            Verdict::Named
+        }
+    } else {
+        let worthless = first.gain.is_some_and(|gain| gain.is_below(WORTH));
         // one effect may have another form; that it takes several, and something is still left, is no finding
         let share = evidence / before.max(evidence + after);
-        if named.len() == 1 && share >= ENOUGH && !worthless {
-            Verdict::NamedIncomplete
+        if worthless || left || before > evidence + after + NEAR {
+            if named.len() == 1 && share >= ENOUGH && !worthless {
+                Verdict::NamedIncomplete
+            } else {
+                Verdict::Unknown
+            }
+        } else if first.near.len() > named.len() {
+            Verdict::Alias
         } else {
-            Verdict::Unknown
+            Verdict::Named
         }
-    } else if last.alarm {
-        Verdict::NamedIncomplete
-    } else if first.near.len() > named.len() {
-        Verdict::Alias
-    } else {
-        Verdict::Named
     };
-    let mut effects = named.clone();
-    match verdict {
-        Verdict::Alias => effects = first.near.clone(),
-        Verdict::Unknown | Verdict::Nothing => {
-            effects.clear();
-            named.clear();
-        }
-        Verdict::Named | Verdict::NamedIncomplete => {}
+    if verdict == Verdict::Unknown {
+        named.clear();
+        steps.clear();
+        last = first.clone();
     }
-    if current.model.terms.len() != base.model.terms.len() + named.len() {
-        let made = named.iter().filter_map(|id| effect(id));
-        let model = made.fold(base.model.clone(), |model, effect| model.with(&effect));
-        current = finite_fit(&campaign, &model)?;
-        last = analyse(&campaign, &current);
-    }
-    if options.cross_validate {
+    let effects = if verdict == Verdict::Alias {
+        first.near.clone()
+    } else {
+        named.clone()
+    };
+    if options.cross_validate && base.heldout.is_none() {
         on_step("cross-validation");
         base = fit::fit(&campaign, &base.model, options, |_| {})?;
-        current = fit::fit(&campaign, &current.model, options, |_| {})?;
+        for (_, step) in &mut steps {
+            *step = fit::fit(&campaign, &step.model, options, |_| {})?;
+        }
     }
+    let fit = steps.last().map_or(&base, |step| &step.1).clone();
+    let mut waves = if named.iter().any(|id| id == ripple::EFFECT) {
+        first.waves
+    } else {
+        Vec::new()
+    };
+    ripple::settle(&mut waves, &fit);
     Ok(Diagnosis {
         verdict,
         effects,
         named,
         contrasts: first.contrasts,
         patterns: first.patterns,
+        contrasts_left: last.contrasts,
         patterns_left: last.patterns,
         evidence,
         predicted: first
@@ -241,17 +308,68 @@ pub fn diagnose(
         candidates: first.candidates,
         cannot_see: first.cannot_see,
         base,
-        fit: current,
+        fit,
+        steps,
+        stopped,
+        refused,
+        waves,
         rejected,
     })
 }
 
-/// A fit whose residuals are numbers: tests on others would not end.
-fn finite_fit(campaign: &Campaign, model: &Model) -> Result<Fit, FitError> {
+/// Log evidence (nats) of an effect for a fit without it.
+pub fn evidence(campaign: &Campaign, without: &Fit, effect: &Arc<dyn AnyEffect>) -> f64 {
+    let readings = fitted(campaign);
+    let shape = &without.noise.shape;
+    let whiteners = noise::whiteners(&without.model, &without.values, &readings, shape);
+    let model = without.model.with(effect);
+    let base = without.free.len();
+    let mut values = without.values.clone();
+    let mut free = without.free.clone();
+    free.extend(values.len()..model.start().len());
+    values.resize(model.start().len(), 0.0);
+    let problem = CampaignProblem::new(&model, &readings, &whiteners, &free, &values);
+    let at: Vec<f64> = free.iter().map(|&k| values[k]).collect();
+    let gram = Gram::new(&problem.blocks(&at), base);
+    let variance = against(without, &gram).variance;
+    let information = gram.families(variance);
+    information.score(&(0..free.len() - base)).log_evidence
+}
+
+/// Does the later fit predict poses left out better by more than chance, and by a share of what was gained since the
+/// base model that is worth having? What alarms and does not is no cause, only the best of the catalogue at imitating
+/// one.
+fn predicts_better(campaign: &Campaign, base: &Fit, before: &Fit, after: &Fit) -> bool {
+    let readings = fitted(campaign);
+    let whiteners = noise::whiteners(&base.model, &base.values, &readings, &base.noise.shape);
+    let of_reading = folds::by_pose(&readings).into_iter().zip(&whiteners);
+    let folds: Vec<usize> = of_reading
+        .flat_map(|(fold, whitener)| std::iter::repeat_n(fold, whitener.rows))
+        .collect();
+    let error = |fit: &Fit| {
+        let problem =
+            CampaignProblem::new(&fit.model, &readings, &whiteners, &fit.free, &fit.values);
+        let at: Vec<f64> = fit.free.iter().map(|&k| fit.values[k]).collect();
+        let mut matrix = DMatrix::zeros(folds.len(), at.len() + 1);
+        let mut row = 0;
+        for block in problem.blocks(&at) {
+            matrix.rows_mut(row, block.nrows()).copy_from(&block);
+            row += block.nrows();
+        }
+        folds::cross_validated(&matrix, &folds, &vec![fit::solve::WEAK; at.len()])
+    };
+    folds::lower(&error(base), &error(before), &error(after))
+}
+
+/// A fit whose residuals are numbers: tests on others would not end. `near` is one with fewer effects.
+fn finite_fit(campaign: &Campaign, model: &Model, near: Option<&Fit>) -> Result<Fit, FitError> {
     let quick = Options {
         cross_validate: false,
     };
-    let found = fit::fit(campaign, model, &quick, |_| {})?;
+    let found = match near {
+        Some(near) => fit::refit(campaign, model, near)?,
+        None => fit::fit(campaign, model, &quick, |_| {})?,
+    };
     if found.fit.whitened_rms.is_finite() {
         return Ok(found);
     }
@@ -263,10 +381,6 @@ fn finite_fit(campaign: &Campaign, model: &Model) -> Result<Fit, FitError> {
         campaign: campaign.name.clone(),
         line: readings[first].line,
     })
-}
-
-fn effect(id: &str) -> Option<Arc<dyn AnyEffect>> {
-    crate::effects::find(id)?.make(toml::Table::new()).ok()
 }
 
 /// Moves outliers out of the fit; their lines.
@@ -314,41 +428,54 @@ struct Analysis {
     /// Is anything there?
     alarm: bool,
     /// The effects that explain it best, and the evidence of all and of the first.
-    set: Vec<String>,
+    set: Vec<Arc<dyn AnyEffect>>,
     set_evidence: f64,
     first_evidence: f64,
     /// What the set is worth on poses left out.
     gain: Option<Gain>,
     /// The same with all that cannot be told from one of them.
     near: Vec<String>,
+    /// Waves of a gear that the scan found.
+    waves: Vec<Wave>,
 }
 
-/// Runs all tests on a fit.
-fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
+/// Effects that a model lacks: of the catalogue, those that need no options, and the user's own.
+fn lacking(model: &Model, own: &[Arc<dyn AnyEffect>]) -> Vec<Arc<dyn AnyEffect>> {
+    let entries = CATALOGUE.iter().filter(|entry| !model.has(entry.id));
+    let made = entries.filter_map(|entry| entry.make(toml::Table::new()).ok());
+    let own = own.iter().filter(|effect| !model.has(effect.id())).cloned();
+    made.chain(own).collect()
+}
+
+/// Runs all tests on a fit; `with_waves`: the scan for those of a gear too.
+fn analyse(
+    campaign: &Campaign,
+    fit: &Fit,
+    own: &[Arc<dyn AnyEffect>],
+    with_waves: bool,
+) -> Analysis {
     let readings = fitted(campaign);
-    let mut model = fit.model.clone();
-    let base = fit.free.len();
-    let mut free = fit.free.clone();
-    let mut values = fit.values.clone();
-    let mut families: Vec<Family> = Vec::new();
-    for entry in CATALOGUE {
-        if model.has(entry.id) {
-            continue;
-        }
-        let Ok(effect) = entry.make(toml::Table::new()) else {
-            continue;
-        };
-        families.push(Family::new(&effect, &model, free.len() - base));
-        let first = values.len();
-        model = model.with(&effect);
-        let count = model.start().len();
-        free.extend(first..count);
-        values.resize(count, 0.0);
-    }
     let whiteners = noise::whiteners(&fit.model, &fit.values, &readings, &fit.noise.shape);
-    let problem = CampaignProblem::new(&model, &readings, &whiteners, &free, &values);
-    let at: Vec<f64> = free.iter().map(|&k| values[k]).collect();
-    let blocks = problem.blocks(&at);
+    let mut effects = lacking(&fit.model, own);
+    let (mut families, mut blocks) = columns(fit, &effects, &readings, &whiteners);
+    let base = fit.free.len();
+    let mut waves = Vec::new();
+    if with_waves {
+        let gram = Gram::new(&blocks, base);
+        let scan = ripple::Scan::new(fit, &readings, &whiteners, &blocks, base);
+        let found = scan.waves(&against(fit, &gram), ALARM);
+        if let Some(found) = found
+            && let Some(model) = ripple::with(&fit.model, &found.waves)
+            && let Some(term) = model.term(ripple::EFFECT)
+        {
+            effects.push(term.effect.clone());
+            (families, blocks) = columns(fit, &effects, &readings, &whiteners);
+            if let Some(last) = families.last_mut() {
+                last.trials = found.trials;
+            }
+            waves = found.waves;
+        }
+    }
     let gram = Gram::new(&blocks, base);
     let against = against(fit, &gram);
     let information = gram.families(against.variance);
@@ -356,10 +483,28 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
         .iter()
         .map(|family| family.score(&information, &against))
         .collect();
+    // waves of the usual cycles, or those found?
+    let mut beaten = None;
+    if !waves.is_empty() {
+        let found = families.len() - 1;
+        let usual = families
+            .iter()
+            .position(|f| f.effect.id() == ripple::EFFECT);
+        beaten = usual.filter(|&usual| usual != found);
+        if let Some(usual) = beaten
+            && scores[usual].log_evidence > scores[found].log_evidence
+        {
+            beaten = Some(found);
+            waves.clear();
+        }
+    }
     let mut cannot_see = Vec::new();
     let mut tried = Vec::new();
     for (index, (family, score)) in families.iter().zip(&scores).enumerate() {
-        match blind(campaign, family.effect.id(), score) {
+        if beaten == Some(index) {
+            continue;
+        }
+        match blind(campaign, family.effect.as_ref(), score) {
             Some(why) => cannot_see.push(CannotSee {
                 effect: family.effect.id().to_owned(),
                 why,
@@ -416,12 +561,17 @@ fn analyse(campaign: &Campaign, fit: &Fit) -> Analysis {
         first_evidence: set.members.first().map_or(0.0, |&m| scores[m].log_evidence),
         set_evidence: set.log_evidence,
         gain,
-        set: ids(&set.members),
+        set: set
+            .members
+            .iter()
+            .map(|&m| families[m].effect.clone())
+            .collect(),
         near: ids(&near),
         contrasts,
         patterns,
         candidates,
         cannot_see,
+        waves,
     }
 }
 
@@ -448,14 +598,34 @@ fn gain(
     folds.gain(&without, &with, against.variance)
 }
 
+/// Rows of `[base | effects | r]`, whitened and scaled, and where each effect has its columns.
+fn columns(
+    fit: &Fit,
+    effects: &[Arc<dyn AnyEffect>],
+    readings: &[&Reading],
+    whiteners: &[noise::Whitener],
+) -> (Vec<Family>, Vec<DMatrix<f64>>) {
+    let mut model = fit.model.clone();
+    let mut free = fit.free.clone();
+    let mut values = fit.values.clone();
+    let mut families: Vec<Family> = Vec::new();
+    for effect in effects {
+        families.push(Family::new(effect, &model, free.len() - fit.free.len()));
+        let first = values.len();
+        model = model.with(effect);
+        let count = model.start().len();
+        free.extend(first..count);
+        values.resize(count, 0.0);
+    }
+    let problem = CampaignProblem::new(&model, readings, whiteners, &free, &values);
+    let at: Vec<f64> = free.iter().map(|&k| values[k]).collect();
+    (families, problem.blocks(&at))
+}
+
 /// Why a campaign cannot see a family, if it cannot.
-fn blind(campaign: &Campaign, effect: &str, score: &FamilyScore) -> Option<String> {
-    let lacks = crate::effects::find(effect).and_then(|entry| {
-        let lacking = entry.needs.iter().find(|need| !need.is_met(campaign));
-        lacking.map(|need| need.sentence().to_owned())
-    });
-    if lacks.is_some() {
-        return lacks;
+fn blind(campaign: &Campaign, effect: &dyn AnyEffect, score: &FamilyScore) -> Option<String> {
+    if let Some(need) = effect.needs().iter().find(|need| !need.is_met(campaign)) {
+        return Some(need.sentence().to_owned());
     }
     if score.raw > VISIBLE && score.expected < 1e-6 * score.raw {
         return Some("the model already holds all that it can do".to_owned());

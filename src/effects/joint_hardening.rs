@@ -45,7 +45,10 @@ const USUAL: f64 = 7.0;
 impl JointHardening {
     fn knee(&self, setup: &Setup, joint: usize) -> f64 {
         let joint = &setup.robot.joints[joint];
-        let given = self.knee.as_ref().and_then(|knee| knee.of(&joint.name));
+        let given = self
+            .knee
+            .as_ref()
+            .and_then(|knee| knee.of(&joint.name).copied());
         given.unwrap_or_else(|| joint.effort.map_or(USUAL, |effort| effort * SHARE))
     }
 }

@@ -262,6 +262,8 @@ pub trait AnyEffect: Debug + Send + Sync {
     fn distant(&self, setup: &Setup) -> Vec<usize>;
     /// [`Effect::ALIASES`].
     fn aliases(&self) -> &'static [&'static str];
+    /// The options that it was made with, as in its `[[effect]]` table.
+    fn options(&self) -> &toml::Table;
     /// [`Effect::check`].
     ///
     /// # Errors
@@ -280,39 +282,55 @@ pub trait AnyEffect: Debug + Send + Sync {
     fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError>;
 }
 
-impl<E: Effect> AnyEffect for E {
+/// An effect and the options that it was made with.
+#[derive(Debug)]
+struct Made<E> {
+    effect: E,
+    options: toml::Table,
+}
+
+/// An effect that is not in the catalogue, for models and plants of one's own.
+pub fn own<E: Effect>(effect: E) -> Arc<dyn AnyEffect> {
+    let options = toml::Table::new();
+    Arc::new(Made { effect, options })
+}
+
+impl<E: Effect> AnyEffect for Made<E> {
     fn kind(&self) -> &'static str {
         E::ID
     }
     fn id(&self) -> &str {
-        Effect::id(self)
+        Effect::id(&self.effect)
     }
     fn stage(&self) -> Stage {
-        Effect::stage(self)
+        Effect::stage(&self.effect)
     }
     fn needs(&self) -> &[Need] {
-        Effect::needs(self)
+        Effect::needs(&self.effect)
     }
     fn distant(&self, setup: &Setup) -> Vec<usize> {
-        Effect::distant(self, setup)
+        Effect::distant(&self.effect, setup)
     }
     fn aliases(&self) -> &'static [&'static str] {
         E::ALIASES
     }
+    fn options(&self) -> &toml::Table {
+        &self.options
+    }
     fn check(&self, setup: &Setup) -> Result<(), String> {
-        Effect::check(self, setup)
+        Effect::check(&self.effect, setup)
     }
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
-        Effect::parameters(self, setup)
+        Effect::parameters(&self.effect, setup)
     }
     fn perturb(&self, p: &[f64], posture: &mut Posture<'_, f64>) {
-        Effect::perturb(self, p, posture);
+        Effect::perturb(&self.effect, p, posture);
     }
     fn perturb_dual(&self, p: &[Dual], posture: &mut Posture<'_, Dual>) {
-        Effect::perturb(self, p, posture);
+        Effect::perturb(&self.effect, p, posture);
     }
     fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError> {
-        Effect::install(self, p, setup, plant)
+        Effect::install(&self.effect, p, setup, plant)
     }
 }
 
@@ -337,7 +355,10 @@ const fn entry<E: Effect + DeserializeOwned>(source: &'static str) -> Entry {
         needs: E::NEEDS,
         aliases: E::ALIASES,
         source,
-        make: |options| Ok(Arc::new(toml::Value::Table(options).try_into::<E>()?)),
+        make: |options| {
+            let effect: E = toml::Value::Table(options.clone()).try_into()?;
+            Ok(Arc::new(Made { effect, options }))
+        },
     }
 }
 

@@ -56,8 +56,6 @@ pub struct Choice {
     pub hold: Hold,
     /// Values by parameter name, SI.
     pub values: Vec<(String, f64)>,
-    /// The effect's own options, as written.
-    pub options: toml::Table,
 }
 
 /// Which parameters are held.
@@ -127,13 +125,12 @@ impl Choice {
             })
             .collect::<Result<_, _>>()?;
         let effect = entry
-            .make(table.clone())
+            .make(table)
             .map_err(|error| form(format!("{kind}: {}", error.message())))?;
         Ok(Self {
             effect,
             hold,
             values,
-            options: table,
         })
     }
 

@@ -204,6 +204,28 @@ pub fn fit(
     campaign: &Campaign,
     model: &Model,
     options: &Options,
+    on_step: impl FnMut(&str),
+) -> Result<Fit, FitError> {
+    fit_from(campaign, model, options, None, on_step)
+}
+
+/// The same fit without cross-validation, faster where one with other effects is near and the noise is what is left: it
+/// begins at the values that they share, and ends where [`fit`] does.
+///
+/// # Errors
+/// As [`fit`].
+pub fn refit(campaign: &Campaign, model: &Model, near: &Fit) -> Result<Fit, FitError> {
+    let options = Options {
+        cross_validate: false,
+    };
+    fit_from(campaign, model, &options, Some(near), |_| {})
+}
+
+fn fit_from(
+    campaign: &Campaign,
+    model: &Model,
+    options: &Options,
+    near: Option<&Fit>,
     mut on_step: impl FnMut(&str),
 ) -> Result<Fit, FitError> {
     let of = |split: Split| -> Vec<&Reading> {
@@ -221,7 +243,7 @@ pub fn fit(
     if let Some(error) = no_number(campaign, model, &start, false) {
         return Err(error);
     }
-    let estimate = estimate(campaign, model, &fitted, start, &mut on_step)?;
+    let estimate = estimate(campaign, model, &fitted, start, near, &mut on_step)?;
     let factor = &estimate.solution.linear.factor;
     if factor.iter().any(|x| !x.is_finite())
         && let Some(error) = no_number(campaign, model, &estimate.p, true)
@@ -358,6 +380,7 @@ fn estimate(
     model: &Model,
     readings: &[&Reading],
     start: Vec<f64>,
+    near: Option<&Fit>,
     on_step: &mut impl FnMut(&str),
 ) -> Result<Estimate, FitError> {
     let mut workspace = Workspace::new(&model.setup);
@@ -401,6 +424,19 @@ fn estimate(
         _ => 1,
     };
     let mut p = start;
+    // rounds that settle the noise end at the same place from anywhere near; the prior of a single one would not
+    if let Some(near) = near.filter(|_| source == Source::Residual) {
+        for (k, (effect, parameter)) in model.parameters().enumerate() {
+            if let Some(index) = near
+                .index(effect, &parameter.name)
+                .filter(|_| parameter.vary)
+            {
+                p[k] = near.values[index];
+            }
+        }
+        shape = near.noise.shape;
+        whiteners = noise::whiteners(model, &p, readings, &shape);
+    }
     let mut solution = None;
     let mut dof = None;
     let mut steps = 0;

@@ -1,8 +1,9 @@
 //! A diagnosis on the terminal, and as JSON.
 
-use super::format::{count, length, number, wrap};
+use super::format::{angle, count, length, number, significant, wrap};
 use super::json::NoiseDocument;
 use crate::campaign::Campaign;
+use crate::diagnosis::ripple::{self, Wave};
 use crate::diagnosis::{Candidate, CannotSee, Diagnosis, Verdict};
 use crate::fit::Errors;
 use serde::Serialize;
@@ -20,6 +21,8 @@ pub struct DiagnosisDocument {
     cannot_see: Vec<CannotSee>,
     next_poses: Vec<Vec<f64>>,
     noise: NoiseDocument,
+    waves: Vec<Wave>,
+    refused: Option<String>,
     rejected: Vec<usize>,
     base: Errors,
     base_heldout: Option<Errors>,
@@ -47,6 +50,8 @@ struct Contrasts {
 
 /// A variable is said to carry the misfit below this probability.
 const CARRIES: f64 = 1e-4;
+/// Waves of a gear shown one by one.
+const WAVES: usize = 12;
 /// Candidates named one by one.
 const SHOWN: usize = 4;
 
@@ -80,6 +85,8 @@ pub fn document(diagnosis: &Diagnosis) -> DiagnosisDocument {
         cannot_see: diagnosis.cannot_see.clone(),
         next_poses: Vec::new(),
         noise: NoiseDocument::of(&diagnosis.fit),
+        waves: diagnosis.waves.clone(),
+        refused: diagnosis.refused.clone(),
         rejected: diagnosis.rejected.clone(),
         base: diagnosis.base.fit,
         base_heldout: diagnosis.base.heldout,
@@ -174,7 +181,8 @@ fn lines(all: &[usize]) -> String {
     shown.join(", ")
 }
 
-fn words(contrast: &str) -> &'static str {
+/// A contrast in words.
+pub fn words(contrast: &str) -> &'static str {
     match contrast {
         "pose" => "between poses",
         "load" => "between loads",
@@ -184,7 +192,8 @@ fn words(contrast: &str) -> &'static str {
     }
 }
 
-fn p_value(p: f64) -> String {
+/// A probability in words.
+pub fn p_value(p: f64) -> String {
     if p < 1e-16 {
         "p < 1e-16".to_owned()
     } else if p < 0.01 {
@@ -228,12 +237,18 @@ fn answer(diagnosis: &Diagnosis) -> String {
                     )
                 });
                 let _ = writeln!(out, "missing  {effect}{found}");
+                if *effect == ripple::EFFECT {
+                    out.push_str(&waves(&diagnosis.waves));
+                }
             }
             fall(&mut out);
             if diagnosis.verdict == Verdict::NamedIncomplete {
                 let line = "         something is left that no effect of the catalogue explains: its form may \
                             be wrong";
                 let _ = writeln!(out, "{}", wrap(line, 9));
+                if let Some(effect) = &diagnosis.refused {
+                    let _ = writeln!(out, "{}", wrap(&format!("         {}", refusal(effect)), 9));
+                }
             }
         }
         Verdict::Alias => {
@@ -242,6 +257,9 @@ fn answer(diagnosis: &Diagnosis) -> String {
                 diagnosis.effects.join(", ")
             );
             let _ = writeln!(out, "{}", wrap(&line, 9));
+            if diagnosis.named == [ripple::EFFECT] {
+                out.push_str(&waves(&diagnosis.waves));
+            }
             fall(&mut out);
         }
         Verdict::Unknown => {
@@ -249,6 +267,42 @@ fn answer(diagnosis: &Diagnosis) -> String {
                         that can be said";
             let _ = writeln!(out, "{}", wrap(line, 9));
         }
+    }
+    out
+}
+
+/// Why an effect that alarms was not added.
+pub fn refusal(effect: &str) -> String {
+    format!("{effect} alarms, but with it poses left out are predicted no better")
+}
+
+/// Waves by their size, a line each; the small ones of many are counted.
+pub fn waves(all: &[Wave]) -> String {
+    let mut sorted: Vec<&Wave> = all.iter().collect();
+    sorted.sort_by(|a, b| b.amplitude_rad.total_cmp(&a.amplitude_rad));
+    let width = sorted.iter().map(|wave| wave.joint.chars().count());
+    let width = width.max().unwrap_or(0);
+    let mut out = String::new();
+    for wave in sorted.iter().take(WAVES) {
+        let also = match &wave.also[..] {
+            [] => String::new(),
+            rivals => {
+                let few: Vec<String> = rivals.iter().take(3).map(|n| significant(*n, 3)).collect();
+                let more = if rivals.len() > few.len() { " …" } else { "" };
+                format!("; or {}{more}", few.join(", "))
+            }
+        };
+        let cycles = format!("{} ± {}", wave.cycles, significant(wave.cycles_std, 1));
+        let line = format!(
+            "           on joint {:<width$}  {cycles} cycles per turn, {}{also}",
+            wave.joint,
+            angle(wave.amplitude_rad),
+        );
+        let _ = writeln!(out, "{}", wrap(&line, 13));
+    }
+    if sorted.len() > WAVES {
+        let smaller = count(sorted.len() - WAVES, "smaller wave");
+        let _ = writeln!(out, "           and {smaller}; --json lists all");
     }
     out
 }

@@ -93,8 +93,6 @@ pub struct Truth {
     pub effect: Arc<dyn AnyEffect>,
     /// Names and values of its parameters, SI.
     pub values: Vec<(String, f64)>,
-    /// Its options, as its table has them: for the truth's own file.
-    pub options: toml::Table,
 }
 
 /// Why there is no scenario, or nothing came of it.

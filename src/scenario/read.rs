@@ -491,7 +491,6 @@ pub(super) fn truths(
 fn truth(choice: &Choice, parameters: Vec<crate::effects::Parameter>) -> Truth {
     Truth {
         effect: choice.effect.clone(),
-        options: choice.options.clone(),
         values: parameters
             .into_iter()
             .map(|parameter| (parameter.name, parameter.value))

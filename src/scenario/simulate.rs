@@ -191,14 +191,9 @@ pub fn truth_text(scenario: &Scenario) -> String {
         "# What the plant of scenario {} had, seed {}. Scoring reads this; a fit never does.\n",
         scenario.name, scenario.seed
     );
-    for Truth {
-        effect,
-        values,
-        options,
-    } in &scenario.truth
-    {
+    for Truth { effect, values } in &scenario.truth {
         text += &format!("\n[[effect]]\nkind = \"{}\"\n", effect.kind());
-        for (key, value) in options {
+        for (key, value) in effect.options() {
             text += &format!("{key} = {value}\n");
         }
         text += "[effect.values]\n";

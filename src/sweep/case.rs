@@ -324,7 +324,6 @@ fn truths(hidden: &[Hidden], sizes: &[f64]) -> Vec<Truth> {
                 .iter()
                 .map(|(name, value)| (name.clone(), value * size))
                 .collect(),
-            options: toml::Table::new(),
         }),
         Hidden::Outside(_) => None,
     };

@@ -96,7 +96,7 @@ pub fn score(scenario: &Scenario, number: usize) -> Result<Row, CaseError> {
     let quick = Options {
         cross_validate: false,
     };
-    let found = diagnose(&case.campaign, &model, &quick, |_| {})?;
+    let found = diagnose(&case.campaign, &model, &[], &quick, |_| {})?;
     Ok(row(&case, &found))
 }
 
