@@ -192,47 +192,62 @@ pub fn diagnose_until(
     } else {
         Vec::new()
     };
-    planned.reverse();
-    let mut steps: Vec<(String, Fit)> = Vec::new();
-    let mut last = first.clone();
-    let (mut evidence, mut stopped, mut refused) = (0.0, false, None);
-    if !planned.is_empty() {
-        evidence = first.set_evidence;
-    }
-    let current = |steps: &[(String, Fit)]| steps.last().map_or(&base, |step| &step.1).clone();
-    while !planned.is_empty() || (!last.set.is_empty() && steps.len() < MOST) {
-        let so_far = current(&steps);
-        if enough(
-            steps.len(),
-            steps.last().map(|step| step.0.as_str()),
-            &so_far,
-        ) {
-            stopped = true;
-            break;
-        }
-        let (effect, surely) = match planned.pop() {
-            Some(effect) => (effect, true),
-            None => (last.set[0].clone(), false),
+    let (mut evidence, mut steps, mut last, mut stopped, mut refused);
+    loop {
+        steps = Vec::<(String, Fit)>::new();
+        last = first.clone();
+        evidence = if planned.is_empty() {
+            0.0
+        } else {
+            first.set_evidence
         };
-        on_step(&format!("refitting with {}", effect.id()));
-        let next = finite_fit(&campaign, &so_far.model.with(&effect), Some(&so_far))?;
-        if planned.is_empty() {
-            on_step("testing what is left");
-            // one search finds the waves that there are
-            let with_waves =
-                steps.iter().all(|step| step.0 != ripple::EFFECT) && effect.id() != ripple::EFFECT;
-            let analysis = analyse(&campaign, &next, own, with_waves);
-            if !surely {
-                // large effects may hide another until they are refitted
-                if analysis.alarm && !predicts_better(&campaign, &base, &so_far, &next) {
-                    refused = Some(effect.id().to_owned());
-                    break;
-                }
-                evidence += last.first_evidence;
+        (stopped, refused) = (false, None);
+        let mut next = planned.iter();
+        while next.len() > 0 || (!last.set.is_empty() && steps.len() < MOST) {
+            let (so_far, so_named) = match steps.last() {
+                Some((id, fit)) => (fit, Some(id.as_str())),
+                None => (&base, None),
+            };
+            if enough(steps.len(), so_named, so_far) {
+                stopped = true;
+                break;
             }
-            last = analysis;
+            let (effect, surely) = match next.next() {
+                Some(effect) => (effect.clone(), true),
+                None => (last.set[0].clone(), false),
+            };
+            on_step(&format!("refitting with {}", effect.id()));
+            let model = so_far.model.with(&effect);
+            let fit = finite_fit(&campaign, &model, Some(so_far))?;
+            if next.len() == 0 {
+                on_step("testing what is left");
+                // one search finds the waves that there are
+                let with_waves = !fit.model.has(ripple::EFFECT);
+                let analysis = analyse(&campaign, &fit, own, with_waves);
+                if !surely {
+                    // large effects may hide another until they are refitted
+                    if analysis.alarm && !predicts_better(&campaign, &base, so_far, &fit) {
+                        refused = Some(effect.id().to_owned());
+                        break;
+                    }
+                    evidence += last.first_evidence;
+                }
+                last = analysis;
+            }
+            steps.push((effect.id().to_owned(), fit));
         }
-        steps.push((effect.id().to_owned(), next));
+        // taken in beside others, before all were refitted: is each still needed?
+        let idle = match steps.last() {
+            Some((_, fit)) if planned.len() > 1 => {
+                let idle = |effect: &Arc<dyn AnyEffect>| fit.p_value(effect.id()) > ALARM;
+                planned.iter().position(idle)
+            }
+            _ => None,
+        };
+        match idle {
+            Some(idle) => drop(planned.remove(idle)),
+            None => break,
+        }
     }
     let mut named: Vec<String> = steps.iter().map(|step| step.0.clone()).collect();
     let pattern = |analysis: &Analysis| analysis.patterns.first().map_or(0.0, |p| p.log_evidence);
@@ -532,8 +547,12 @@ fn analyse(
     let find = || {
         let set = search::search(&families, &tried, &information, &against, MOST);
         let near = near(&families, &tried, &set.members, &information, &against);
-        let folds = Folds::new(&readings, &rows_of(&whiteners), &blocks);
-        let gain = gain(&folds, &families, &set.members, &scores, base, &against);
+        let members: Vec<(&Family, f64)> = set
+            .members
+            .iter()
+            .map(|&m| (&families[m], scores[m].scale))
+            .collect();
+        let gain = gain(&readings, &whiteners, &blocks, &members, base, &against);
         (set, near, gain)
     };
     let test = || {
@@ -575,27 +594,30 @@ fn analyse(
     }
 }
 
-fn rows_of(whiteners: &[noise::Whitener]) -> Vec<usize> {
-    whiteners.iter().map(|whitener| whitener.rows).collect()
-}
-
-/// What a set is worth, each effect with its most likely size as its prior.
+/// What a set is worth, each effect with its most likely size as its prior; none if it is empty.
 fn gain(
-    folds: &Folds,
-    families: &[Family],
-    members: &[usize],
-    scores: &[FamilyScore],
+    readings: &[&Reading],
+    whiteners: &[noise::Whitener],
+    blocks: &[DMatrix<f64>],
+    members: &[(&Family, f64)],
     base: usize,
     against: &Against,
 ) -> Option<Gain> {
-    let without: Vec<(usize, f64)> = (0..base).map(|k| (k, fit::solve::WEAK)).collect();
-    let mut with = without.clone();
-    for &member in members {
-        let prior = against.variance.sqrt() / scores[member].scale;
-        let columns = families[member].columns.clone();
-        with.extend(columns.map(|k| (base + k, prior)));
+    if members.is_empty() {
+        return None;
     }
-    folds.gain(&without, &with, against.variance)
+    let mut priors = vec![fit::solve::WEAK; base];
+    let mut picked: Vec<usize> = (0..base).collect();
+    for (family, scale) in members {
+        let columns = family.columns.clone();
+        priors.extend(columns.clone().map(|_| against.variance.sqrt() / scale));
+        picked.extend(columns.map(|k| base + k));
+    }
+    picked.extend(blocks.first().map(|block| block.ncols() - 1));
+    let pick = |block: &DMatrix<f64>| block.select_columns(&picked);
+    let blocks: Vec<DMatrix<f64>> = blocks.iter().map(pick).collect();
+    let rows: Vec<usize> = whiteners.iter().map(|whitener| whitener.rows).collect();
+    Folds::new(readings, &rows, &blocks).gain(base, &priors, against.variance)
 }
 
 /// Rows of `[base | effects | r]`, whitened and scaled, and where each effect has its columns.

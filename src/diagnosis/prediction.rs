@@ -6,13 +6,9 @@
 //! Source: leave-group-out cross-validation in closed form, with the optimism of a linear smoother taken off both sides
 //! (Efron 2004, *The Estimation of Prediction Error*, JASA 99:619).
 
+use super::folds;
 use crate::campaign::Reading;
-use crate::fit::pose_key;
 use nalgebra::{DMatrix, DVector};
-use std::collections::BTreeMap;
-
-/// Poses are left out a fifth at a time.
-const FOLDS: usize = 5;
 
 /// Normal equations `[J | r]ᵀ [J | r]` of all readings and of each fold.
 pub struct Folds {
@@ -45,24 +41,19 @@ impl Gain {
 impl Folds {
     /// From blocks of `[J | r]` in the order of the readings; `rows` are the rows of each reading.
     pub fn new(readings: &[&Reading], rows: &[usize], blocks: &[DMatrix<f64>]) -> Self {
-        let mut fold_of = BTreeMap::new();
-        let fold: Vec<usize> = readings
-            .iter()
+        let fold: Vec<usize> = folds::by_pose(readings)
+            .into_iter()
             .zip(rows)
-            .flat_map(|(reading, &rows)| {
-                let next = fold_of.len();
-                let fold = *fold_of.entry(pose_key(reading)).or_insert(next) % FOLDS;
-                std::iter::repeat_n(fold, rows)
-            })
+            .flat_map(|(fold, &rows)| std::iter::repeat_n(fold, rows))
             .collect();
         let n = blocks.first().map_or(1, DMatrix::ncols);
-        let mut parts = vec![DMatrix::zeros(n, n); FOLDS];
+        let mut parts = vec![DMatrix::zeros(n, n); folds::FOLDS];
         let mut first = 0;
         for block in blocks {
             for (part, sum) in parts.iter_mut().enumerate() {
                 let own = (0..block.nrows()).filter(|row| fold[first + row] == part);
                 let own = block.select_rows(&own.collect::<Vec<_>>());
-                sum.gemm_tr(1.0, &own, &own, 1.0);
+                *sum += own.transpose() * own;
             }
             first += block.nrows();
         }
@@ -72,17 +63,10 @@ impl Folds {
         Self { total, parts }
     }
 
-    /// Gain of the columns `with` over the columns `without`, each with the strength of a prior about no step.
-    pub fn gain(
-        &self,
-        without: &[(usize, f64)],
-        with: &[(usize, f64)],
-        variance: f64,
-    ) -> Option<Gain> {
-        let (before, after) = (
-            self.errors(without, variance)?,
-            self.errors(with, variance)?,
-        );
+    /// Gain of all columns over the first `base`, each with the strength of a prior about no step.
+    pub fn gain(&self, base: usize, priors: &[f64], variance: f64) -> Option<Gain> {
+        let before = self.errors(&priors[..base], variance)?;
+        let after = self.errors(priors, variance)?;
         Some(Gain {
             fitted: before.fitted - after.fitted,
             left_out: before.left_out - after.left_out,
@@ -90,18 +74,17 @@ impl Folds {
     }
 
     /// Sums of squares less what noise alone would make them.
-    fn errors(&self, columns: &[(usize, f64)], variance: f64) -> Option<Gain> {
+    fn errors(&self, priors: &[f64], variance: f64) -> Option<Gain> {
         let r = self.total.ncols() - 1;
-        let picked: Vec<usize> = columns.iter().map(|(k, _)| *k).collect();
+        let n = priors.len();
         let pick = |of: &DMatrix<f64>| {
-            let matrix = of.select_columns(&picked).select_rows(&picked);
-            let right: DVector<f64> = of.column(r).select_rows(&picked);
-            (matrix, right, of[(r, r)])
+            let right: DVector<f64> = of.view((0, r), (n, 1)).column(0).into_owned();
+            (of.view((0, 0), (n, n)).into_owned(), right, of[(r, r)])
         };
         let (total, right, square) = pick(&self.total);
         let solve = |normal: &DMatrix<f64>| {
             let mut normal = normal.clone();
-            for (k, (_, prior)) in columns.iter().enumerate() {
+            for (k, prior) in priors.iter().enumerate() {
                 normal[(k, k)] += prior * prior;
             }
             normal.cholesky()

@@ -14,7 +14,7 @@ use crate::dual_quaternion::rotation_vector;
 use crate::model::{
     Model, Row, Rows, Workspace, pose_numbers, right_jacobian_inverse, stacked, wrench_is_measured,
 };
-use nalgebra::{DMatrix, Vector3};
+use nalgebra::{DMatrix, DVector, Vector3};
 use noise::{PureError, Source, Whitener};
 use rayon::prelude::*;
 use solve::{Linear, Problem, Solution};
@@ -186,6 +186,39 @@ impl Fit {
         }
         found.sort_by(|x, y| y.2.abs().total_cmp(&x.2.abs()));
         found
+    }
+
+    /// Probability of estimates this far from zero for all parameters of an effect together, if it had none: Wald's
+    /// test. 1 if none of them is estimated.
+    pub fn p_value(&self, effect: &str) -> f64 {
+        use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
+        let Some(term) = self.model.term(effect) else {
+            return 1.0;
+        };
+        let own = term.first..term.first + term.parameters.len();
+        let rows: Vec<usize> = (0..self.free.len())
+            .filter(|&row| {
+                let k = self.free[row];
+                own.contains(&k) && self.status[k] == Status::Estimated
+            })
+            .collect();
+        let covariance = self.covariance.select_rows(&rows).select_columns(&rows);
+        let values = DVector::from_iterator(
+            rows.len(),
+            rows.iter().map(|&row| self.values[self.free[row]]),
+        );
+        let Some(factor) = covariance.cholesky() else {
+            return 1.0;
+        };
+        let squares = values.dot(&factor.solve(&values));
+        let dof = rows.len() as f64;
+        let p = match self.noise.dof {
+            Some(own) => FisherSnedecor::new(dof, own as f64)
+                .map(|f| f.sf(squares / dof))
+                .ok(),
+            None => ChiSquared::new(dof).map(|c| c.sf(squares)).ok(),
+        };
+        p.unwrap_or(1.0)
     }
 
     /// Position of a parameter by effect and name.

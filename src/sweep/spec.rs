@@ -144,6 +144,9 @@ impl Blind {
 }
 
 fn hideable() -> Vec<&'static str> {
-    let ids = CATALOGUE.iter().map(|entry| entry.id);
-    ids.filter(|id| !BASE.contains(id)).collect()
+    // what needs options has no form of its own
+    let entries = CATALOGUE
+        .iter()
+        .filter(|entry| !BASE.contains(&entry.id) && entry.make(toml::Table::new()).is_ok());
+    entries.map(|entry| entry.id).collect()
 }
