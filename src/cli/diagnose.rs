@@ -54,12 +54,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     let say = |text: &str| spinner.set_message(text.to_owned());
     let found = diagnosis::diagnose(&campaign, &model, &own, &options, say)?;
+    // a plan that cannot be made is no reason to keep the verdict back
+    let next = diagnosis::next_poses(&campaign, &found, diagnosis::POSES)
+        .ok()
+        .flatten();
     spinner.finish_and_clear();
     if let Some(file) = &arguments.save_model {
         model_file::write(file, &found.fit.model)?;
     }
     if arguments.json {
-        print_json(&report::diagnosis::document(&found))?;
+        print_json(&report::diagnosis::document(&found, next.as_ref()))?;
     } else {
         let path = arguments.campaign.display();
         let of_model = arguments.model.as_ref();
@@ -77,12 +81,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             (Some(effect), None) => Some(format!("misfit fit {path}{given} --effects +{effect}")),
             (None, _) => None,
         };
+        let apart = found
+            .alike
+            .as_ref()
+            .map(|(a, b)| format!("misfit plan {path} --separate {},{}", a.id(), b.id()));
         // a ladder starts from the frames, whatever the model
         let ladder = of_model.is_none().then(|| format!("misfit ladder {path}"));
-        let next: Vec<String> = add.into_iter().chain(ladder).collect();
-        let mut text = report::diagnosis::text(&campaign, &found);
-        if !next.is_empty() {
-            text += &format!("\nnext     {}\n", next.join("     or     "));
+        let commands: Vec<String> = add.into_iter().chain(apart).chain(ladder).collect();
+        let mut text = report::diagnosis::text(&campaign, &found, next.as_ref());
+        if !commands.is_empty() {
+            text += &format!("\nnext     {}\n", commands.join("     or     "));
         }
         print(&text)?;
     }

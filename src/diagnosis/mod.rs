@@ -8,7 +8,9 @@
 mod contrasts;
 mod families;
 mod folds;
+mod next;
 mod patterns;
+mod power;
 mod prediction;
 pub mod ripple;
 pub(crate) mod score;
@@ -25,7 +27,9 @@ use crate::model::Model;
 use contrasts::Field;
 use families::{Family, FamilyScore};
 use nalgebra::DMatrix;
+pub use next::{NextError, POSES, next_poses};
 pub use patterns::Pattern;
+pub use power::Power;
 use prediction::{Folds, Gain};
 use ripple::Wave;
 use score::{Against, Gram, Information};
@@ -93,8 +97,12 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// Its effects.
     pub effects: Vec<String>,
+    /// Two that cannot be told apart, if the verdict is a set of aliases; the first is in the fit.
+    pub alike: Option<(Arc<dyn AnyEffect>, Arc<dyn AnyEffect>)>,
     /// Effects added one after the other, also where the verdict is a set of aliases.
     pub named: Vec<String>,
+    /// What the campaign could say at all.
+    pub power: Power,
     /// Contrasts of the base model's misfit.
     pub contrasts: Vec<Contrast>,
     /// Effects added one after the other, each with the fit that then was reached.
@@ -250,6 +258,17 @@ pub fn diagnose_until(
         }
     }
     let mut named: Vec<String> = steps.iter().map(|step| step.0.clone()).collect();
+    let mut alike = named.clone();
+    let mut pair = None;
+    let is_named = |effect: &Arc<dyn AnyEffect>| named.iter().any(|id| id == effect.id());
+    for (effect, others) in first.near.iter().filter(|(effect, _)| is_named(effect)) {
+        for other in others {
+            pair.get_or_insert_with(|| (effect.clone(), other.clone()));
+            if alike.iter().all(|id| id != other.id()) {
+                alike.push(other.id().to_owned());
+            }
+        }
+    }
     let pattern = |analysis: &Analysis| analysis.patterns.first().map_or(0.0, |p| p.log_evidence);
     let (before, after) = (pattern(&first), pattern(&last).max(0.0));
     let left = last.alarm || stopped || refused.is_some();
@@ -262,7 +281,7 @@ pub fn diagnose_until(
     } else if stopped || !measured {
         if left {
             Verdict::NamedIncomplete
-        } else if first.near.len() > named.len() {
+        } else if alike.len() > named.len() {
             Verdict::Alias
         } else {
             Verdict::Named
@@ -277,7 +296,7 @@ pub fn diagnose_until(
             } else {
                 Verdict::Unknown
             }
-        } else if first.near.len() > named.len() {
+        } else if alike.len() > named.len() {
             Verdict::Alias
         } else {
             Verdict::Named
@@ -289,7 +308,7 @@ pub fn diagnose_until(
         last = first.clone();
     }
     let effects = if verdict == Verdict::Alias {
-        first.near.clone()
+        alike
     } else {
         named.clone()
     };
@@ -310,7 +329,9 @@ pub fn diagnose_until(
     Ok(Diagnosis {
         verdict,
         effects,
+        alike: pair.filter(|_| verdict == Verdict::Alias),
         named,
+        power: first.power,
         contrasts: first.contrasts,
         patterns: first.patterns,
         contrasts_left: last.contrasts,
@@ -448,8 +469,10 @@ struct Analysis {
     first_evidence: f64,
     /// What the set is worth on poses left out.
     gain: Option<Gain>,
-    /// The same with all that cannot be told from one of them.
-    near: Vec<String>,
+    /// By effect of the set: those that cannot be told from it.
+    near: Vec<(Arc<dyn AnyEffect>, Vec<Arc<dyn AnyEffect>>)>,
+    /// What could be seen.
+    power: Power,
     /// Waves of a gear that the scan found.
     waves: Vec<Wave>,
 }
@@ -527,6 +550,12 @@ fn analyse(
             None => tried.push(index),
         }
     }
+    let power = Power {
+        rows: gram.rows,
+        taken: gram.rank,
+        ..Power::of(campaign)
+    };
+    let power = power.seeing(&families, &scores, &tried, &information);
     let left = (gram.rows - gram.rank) as f64;
     let excess = (gram.misfit() / against.variance - left).max(1.0);
     let mut candidates: Vec<Candidate> = tried
@@ -564,8 +593,6 @@ fn analyse(
         )
     };
     let ((set, near, gain), (contrasts, patterns)) = rayon::join(find, test);
-    let id = |&member: &usize| families[member].effect.id().to_owned();
-    let ids = |members: &[usize]| members.iter().map(id).collect();
     let lack_of_fit = match fit.noise.source {
         // measured against itself nothing is left over
         Source::Residual => 1.0,
@@ -585,11 +612,12 @@ fn analyse(
             .iter()
             .map(|&m| families[m].effect.clone())
             .collect(),
-        near: ids(&near),
+        near,
         contrasts,
         patterns,
         candidates,
         cannot_see,
+        power,
         waves,
     }
 }
@@ -660,31 +688,34 @@ fn blind(campaign: &Campaign, effect: &dyn AnyEffect, score: &FamilyScore) -> Op
     })
 }
 
-/// The members of a set with all families that come near to one of them beside the others, or are known beforehand to
-/// imitate it exactly.
+/// By member of a set: the families that come near to it beside the others, or are known beforehand to imitate it
+/// exactly.
 fn near(
     families: &[Family],
     tried: &[usize],
     members: &[usize],
     information: &Information,
     against: &Against,
-) -> Vec<usize> {
-    let mut all = members.to_vec();
-    for &member in members {
+) -> Vec<(Arc<dyn AnyEffect>, Vec<Arc<dyn AnyEffect>>)> {
+    let effect = |family: usize| families[family].effect.clone();
+    let of = |&member: &usize| {
         let beside = search::beside(families, members, member, information, against);
         let own = families[member].score(&beside, against);
         let known = families[member].effect.aliases();
-        for &other in tried.iter().filter(|other| !members.contains(other)) {
+        let close = |&other: &usize| {
             let score = families[other].score(&beside, against);
-            let close = score.log_evidence > own.log_evidence - NEAR
-                || (known.contains(&families[other].effect.id())
-                    && score.signal() > IMITATES * own.signal());
-            if close && score.is_sure(ALARM, tried.len()) && !all.contains(&other) {
-                all.push(other);
-            }
-        }
-    }
-    all
+            let imitates = known.contains(&families[other].effect.id())
+                && score.signal() > IMITATES * own.signal();
+            (imitates || score.log_evidence > own.log_evidence - NEAR)
+                && score.is_sure(ALARM, tried.len())
+        };
+        let others = tried
+            .iter()
+            .copied()
+            .filter(|other| !members.contains(other));
+        (effect(member), others.filter(close).map(effect).collect())
+    };
+    members.iter().map(of).collect()
 }
 
 /// The noise to test against: of repeats, of the file, or of what is left.

@@ -4,9 +4,12 @@ use super::format::{angle, count, length, number, significant, wrap};
 use super::json::NoiseDocument;
 use crate::campaign::Campaign;
 use crate::diagnosis::ripple::{self, Wave};
-use crate::diagnosis::{Candidate, CannotSee, Diagnosis, Verdict};
+use crate::diagnosis::{Candidate, CannotSee, Diagnosis, Power, Verdict};
 use crate::fit::Errors;
+use crate::plan::{Outlook, Separation};
+use crate::robot::JointKind;
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 /// `misfit.diagnosis/1`.
@@ -19,7 +22,8 @@ pub struct DiagnosisDocument {
     contrasts: Contrasts,
     candidates: Vec<Candidate>,
     cannot_see: Vec<CannotSee>,
-    next_poses: Vec<Vec<f64>>,
+    power: Power,
+    next_poses: Vec<BTreeMap<String, f64>>,
     noise: NoiseDocument,
     waves: Vec<Wave>,
     refused: Option<String>,
@@ -56,7 +60,7 @@ const WAVES: usize = 12;
 const SHOWN: usize = 4;
 
 /// The document.
-pub fn document(diagnosis: &Diagnosis) -> DiagnosisDocument {
+pub fn document(diagnosis: &Diagnosis, next: Option<&Separation>) -> DiagnosisDocument {
     let p = |name: &str| {
         let contrast = diagnosis.contrasts.iter().find(|c| c.name == name);
         contrast.map(|c| c.p_value)
@@ -83,7 +87,8 @@ pub fn document(diagnosis: &Diagnosis) -> DiagnosisDocument {
         },
         candidates: diagnosis.candidates.clone(),
         cannot_see: diagnosis.cannot_see.clone(),
-        next_poses: Vec::new(),
+        power: diagnosis.power.clone(),
+        next_poses: next.map_or_else(Vec::new, |plan| poses(diagnosis, plan)),
         noise: NoiseDocument::of(&diagnosis.fit),
         waves: diagnosis.waves.clone(),
         refused: diagnosis.refused.clone(),
@@ -95,8 +100,80 @@ pub fn document(diagnosis: &Diagnosis) -> DiagnosisDocument {
     }
 }
 
+/// Proposed poses by column of a campaign's table: `<joint>_rad`, `<joint>_m`.
+fn poses(diagnosis: &Diagnosis, plan: &Separation) -> Vec<BTreeMap<String, f64>> {
+    let setup = &diagnosis.base.model.setup;
+    let of = |pose: &Vec<f64>| {
+        let joints = setup.observed.iter().map(|&joint| {
+            let own = &setup.robot.joints[joint];
+            let unit = match own.kind {
+                JointKind::Prismatic => "m",
+                JointKind::Revolute | JointKind::Continuous => "rad",
+            };
+            (format!("{}_{unit}", own.name), pose[joint])
+        });
+        joints.collect()
+    };
+    plan.poses.iter().map(of).collect()
+}
+
+/// The design, and what it can do.
+fn design(power: &Power) -> String {
+    let mut text = format!(
+        "design   {} × {} × {} × {} · of the effects not in the model it could see {}, and tell {} of them from \
+         every other",
+        count(power.poses, "pose"),
+        count(power.loads, "load"),
+        count(power.directions, "direction"),
+        count(power.repeats, "repeat"),
+        power.visible,
+        power.apart
+    );
+    let lacks = power.lacks();
+    if !lacks.is_empty() && power.is_enough() {
+        text += &format!(". It would see more with {}", lacks.join("; "));
+    }
+    let mut text = wrap(&text, 9);
+    if !power.is_enough() {
+        let line = format!(
+            "         No diagnosis is possible: {} rows, {} of which go into the model; whatever is left of an \
+             effect, another one could be. Needed: {}",
+            power.rows,
+            power.taken,
+            if lacks.is_empty() {
+                "more poses, heavier loads".to_owned()
+            } else {
+                lacks.join("; ")
+            }
+        );
+        text += &format!("\n{}", wrap(&line, 9));
+    }
+    text
+}
+
+/// What the proposed poses promise, in a line or two.
+fn promise(plan: &Separation) -> String {
+    let mut out = String::new();
+    for way in &plan.ways {
+        let word = match way.outlook() {
+            Outlook::Decisive => "they will tell".to_owned(),
+            Outlook::Weak => format!("hardly: λ {} of 60", number(way.proposed)),
+            Outlook::Unseen => "it does not show in such readings".to_owned(),
+            Outlook::Never => "no poses can; `misfit effects show` says what can".to_owned(),
+        };
+        let line = format!(
+            "next     {} more poses, if it is {} and not {}: {word}",
+            plan.poses.len(),
+            way.effect,
+            way.other
+        );
+        let _ = writeln!(out, "{}", wrap(&line, 9));
+    }
+    out
+}
+
 /// The report.
-pub fn text(campaign: &Campaign, diagnosis: &Diagnosis) -> String {
+pub fn text(campaign: &Campaign, diagnosis: &Diagnosis, next: Option<&Separation>) -> String {
     let mut out = String::new();
     let base = &diagnosis.base;
     let rejected = match diagnosis.rejected.len() {
@@ -112,6 +189,7 @@ pub fn text(campaign: &Campaign, diagnosis: &Diagnosis) -> String {
     let _ = writeln!(out, "{}", wrap(&title, 9));
     let _ = writeln!(out, "{}", super::fit::model_line(base));
     let _ = writeln!(out, "{}", super::fit::noise_line(campaign, base));
+    let _ = writeln!(out, "{}", design(&diagnosis.power));
     let held = base.heldout.map_or_else(String::new, |e| {
         format!(" · not fitted {} rms", length(e.position_rms_m))
     });
@@ -143,6 +221,7 @@ pub fn text(campaign: &Campaign, diagnosis: &Diagnosis) -> String {
         let _ = writeln!(out, "{}", wrap(&line, 4));
     }
     let _ = write!(out, "\n{}", answer(diagnosis));
+    out.push_str(&next.map_or_else(String::new, promise));
     let others: Vec<String> = diagnosis
         .candidates
         .iter()

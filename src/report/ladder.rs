@@ -30,7 +30,7 @@ pub fn document(ladder: &Ladder) -> LadderDocument {
         left_out: ladder.left_out.clone(),
         floor_m: ladder.floor_m,
         stopped_because: stopped_because(ladder),
-        last: diagnosis_document(&ladder.last),
+        last: diagnosis_document(&ladder.last, None),
     }
 }
 

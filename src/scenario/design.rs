@@ -14,6 +14,8 @@ pub struct Design {
     pub poses: usize,
     /// How many of them are held out.
     pub heldout: usize,
+    /// Postures fitted besides, by all joints, rad (m).
+    pub more: Vec<Vec<f64>>,
     /// Loads on the target's link.
     pub loads: Vec<DesignLoad>,
     /// 1 or 2: approach each pose from below only, or from both sides.
@@ -141,9 +143,9 @@ pub fn visits(scenario: &Scenario) -> Result<Vec<Visit>, ScenarioError> {
 /// Random postures within the limits, all target links above the least height.
 fn poses(scenario: &Scenario) -> Result<Vec<Vec<f64>>, ScenarioError> {
     let mut random = generator(scenario.seed, stream::POSES);
-    (0..scenario.design.poses)
-        .map(|_| random_posture(scenario, &mut random))
-        .collect()
+    let random = (0..scenario.design.poses).map(|_| random_posture(scenario, &mut random));
+    let more = scenario.design.more.iter().cloned().map(Ok);
+    random.chain(more).collect()
 }
 
 /// One of them.

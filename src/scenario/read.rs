@@ -382,6 +382,7 @@ fn design(entry: &DesignEntry, setup: &Setup) -> Result<Design, String> {
     Ok(Design {
         poses: entry.poses,
         heldout: entry.heldout_poses,
+        more: Vec::new(),
         loads,
         directions: entry.directions,
         repeats: entry.repeats,

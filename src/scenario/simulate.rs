@@ -164,7 +164,7 @@ fn take(
         pose: Some(format!("p{:03}", visit.pose + 1)),
         repeat: Some(format!("{}", visit.repeat + 1)),
         target: visit.target,
-        split: if visit.pose + design.heldout >= design.poses {
+        split: if (design.poses - design.heldout..design.poses).contains(&visit.pose) {
             Split::Heldout
         } else {
             Split::Fit

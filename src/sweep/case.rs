@@ -29,6 +29,9 @@ pub enum CaseError {
     /// Its diagnosis.
     #[error(transparent)]
     Fit(#[from] crate::fit::FitError),
+    /// The poses after an alias verdict.
+    #[error(transparent)]
+    Next(#[from] crate::diagnosis::NextError),
     /// Its scenario has no `[blind]`.
     #[error("{file}: has no [blind] table: it is no sweep. `misfit run {file}` runs it once")]
     NotBlind {
@@ -163,10 +166,9 @@ pub fn draw(scenario: &Scenario, number: usize) -> Result<Case, CaseError> {
     let sizes = bench.sizes(&hidden, &wanted, blind.most)?;
     let lambdas = bench.lambdas(&hidden, &sizes)?;
     let plant = bench.plant(&hidden, &sizes)?;
-    let mut campaign = measure(&base, &plant, &sigma, || {})?;
+    let campaign = measured(&base, &plant)?;
     let truth = measure(&base, &plant, &Noise::default(), || {})?;
     let oracle = oracle(&base, &campaign, &truth)?;
-    spoil(&mut campaign, blind, &sigma, base.seed);
     let mut told = base.clone();
     told.truth.extend(truths(&hidden, &sizes));
     Ok(Case {
@@ -191,6 +193,22 @@ pub fn draw(scenario: &Scenario, number: usize) -> Result<Case, CaseError> {
         campaign,
         oracle,
     })
+}
+
+/// Measures the plant of a case with the noise and the outliers that its scenario asks for.
+///
+/// # Errors
+/// If it cannot be.
+pub fn measured(scenario: &Scenario, plant: &PlantSpec) -> Result<Campaign, CaseError> {
+    let Some(blind) = &scenario.blind else {
+        return Err(CaseError::NotBlind {
+            file: scenario.file.clone(),
+        });
+    };
+    let sigma = scaled(&scenario.noise, blind.noise_factor);
+    let mut campaign = measure(scenario, plant, &sigma, || {})?;
+    spoil(&mut campaign, blind, &sigma, scenario.seed);
+    Ok(campaign)
 }
 
 impl Hidden {

@@ -3,9 +3,10 @@
 use super::case::{Case, CaseError, draw};
 use super::signal;
 use crate::campaign::Split;
-use crate::diagnosis::{Diagnosis, Verdict, diagnose};
+use crate::diagnosis::{Diagnosis, Verdict, diagnose, next_poses};
 use crate::fit::{self, Options, noise};
 use crate::model_file;
+use crate::plan::Outlook;
 use crate::scenario::Scenario;
 use serde::{Deserialize, Serialize};
 
@@ -97,7 +98,40 @@ pub fn score(scenario: &Scenario, number: usize) -> Result<Row, CaseError> {
         cross_validate: false,
     };
     let found = diagnose(&case.campaign, &model, &[], &quick, |_| {})?;
-    Ok(row(&case, &found))
+    let mut row = row(&case, &found);
+    let wanted = scenario
+        .blind
+        .as_ref()
+        .map_or(0, |blind| blind.resolve_poses);
+    if wanted > 0 && found.verdict == Verdict::Alias {
+        row.resolved = resolve(&case, &found, wanted)?;
+    }
+    Ok(row)
+}
+
+/// Measures again with the proposed poses beside the others: `named` right now, another verdict, or that no poses
+/// `cannot` tell, as the plan says.
+fn resolve(case: &Case, found: &Diagnosis, poses: usize) -> Result<String, CaseError> {
+    let Some(plan) = next_poses(&case.campaign, found, poses)? else {
+        return Ok("cannot".to_owned());
+    };
+    let hidden = |way: &&crate::plan::Way| case.hidden.contains(&way.effect);
+    let way = plan.ways.iter().find(hidden);
+    if way.is_none_or(|way| way.outlook() != Outlook::Decisive) {
+        return Ok("cannot".to_owned());
+    }
+    let mut scenario = case.scenario.clone();
+    scenario.design.more = plan.poses;
+    let campaign = super::case::measured(&scenario, &case.plant)?;
+    let model = model_file::model(&campaign, None, None)?;
+    let quick = Options {
+        cross_validate: false,
+    };
+    let again = diagnose(&campaign, &model, &[], &quick, |_| {})?;
+    Ok(match judge(case, &again) {
+        Outcome::Right if again.verdict == Verdict::Named => "named".to_owned(),
+        _ => word(again.verdict).to_owned(),
+    })
 }
 
 fn row(case: &Case, found: &Diagnosis) -> Row {
