@@ -43,7 +43,8 @@ const ALARM: f64 = 1e-3;
 const NEAR: f64 = 3.0;
 /// A named effect that explains less than this of the evidence is not what is missing.
 const ENOUGH: f64 = 0.9;
-/// What is known to imitate an effect does so if it explains this share of its signal.
+/// What is known to imitate an effect does so if it explains this share of its signal, and what it does not explain
+/// would not tell.
 const IMITATES: f64 = 0.8;
 /// What is worth less than this share of its worth on poses left out is not the cause.
 const WORTH: f64 = 0.25;
@@ -705,7 +706,8 @@ fn near(
         let close = |&other: &usize| {
             let score = families[other].score(&beside, against);
             let imitates = known.contains(&families[other].effect.id())
-                && score.signal() > IMITATES * own.signal();
+                && score.signal() > IMITATES * own.signal()
+                && own.signal() - score.signal() < crate::plan::DECISIVE;
             (imitates || score.log_evidence > own.log_evidence - NEAR)
                 && score.is_sure(ALARM, tried.len())
         };

@@ -12,7 +12,8 @@ use super::score::{Against, Score, log_mean};
 use crate::fit::noise::Whitener;
 use crate::fit::{Fit, pose_key};
 use crate::model::{Rows, Workspace};
-use nalgebra::{DMatrix, DVector};
+use crate::robot::JointKind;
+use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -22,6 +23,8 @@ const TYPICAL: f64 = 1e-4;
 const COMPLIANCE: f64 = 1e-5;
 /// Widths of local functions of an angle, rad.
 const WIDTHS: [f64; 2] = [0.15, 0.4];
+/// Force on a link that would not surprise, N, and how it changes with the link's place, N/m.
+const PULL: [f64; 2] = [10.0, 30.0];
 /// Local functions over a joint's range at most.
 const MOST_BUMPS: usize = 48;
 /// Cycles a turn in each angle of waves in two.
@@ -98,7 +101,7 @@ pub fn patterns(
     whiteners: &[Whitener],
     against: &Against,
 ) -> Vec<Pattern> {
-    let (seen, torques) = seen(field, fit, whiteners);
+    let (seen, torques, blocks) = seen(field, fit, whiteners);
     let readings = field.readings;
     let mut place = BTreeMap::new();
     let groups: Vec<usize> = readings
@@ -123,6 +126,7 @@ pub fn patterns(
         waves(&by_pose, angle, against),
         own_torque(&seen, &torques, against),
         other_torque(&seen, &torques, against),
+        pulls(field, fit, &blocks, against),
     ];
     if (2..=MOST_POSES).contains(&poses) {
         kinds.push(each_pose(&by_pose, against));
@@ -151,8 +155,13 @@ pub fn patterns(
     found
 }
 
-/// All observed joints as all readings see them, and the torque on each joint by reading.
-fn seen(field: &Field, fit: &Fit, whiteners: &[Whitener]) -> (Vec<Seen>, DMatrix<f64>) {
+/// All observed joints as all readings see them, the torque on each joint by reading, and the whitened derivatives of
+/// the readings by the joints.
+fn seen(
+    field: &Field,
+    fit: &Fit,
+    whiteners: &[Whitener],
+) -> (Vec<Seen>, DMatrix<f64>, Vec<DMatrix<f64>>) {
     let model = &fit.model;
     let setup = &model.setup;
     let joints = setup.robot.joints.len();
@@ -199,7 +208,8 @@ fn seen(field: &Field, fit: &Fit, whiteners: &[Whitener]) -> (Vec<Seen>, DMatrix
             torques[(index, place)] = torque[seen.joint];
         }
     }
-    (all, torques)
+    let blocks = rows.into_iter().map(|(block, _)| block).collect();
+    (all, torques, blocks)
 }
 
 /// One member of a kind: what it follows, in words, and its score.
@@ -338,6 +348,91 @@ fn other_torque(seen: &[Seen], torques: &DMatrix<f64>, against: &Against) -> Opt
         }
     }
     best("load", members, against)
+}
+
+/// Something pulls at a link, by the springs of the joints: a hose, a cable. Its force is a constant and a linear function
+/// of the link's place, both in the base frame.
+fn pulls(field: &Field, fit: &Fit, blocks: &[DMatrix<f64>], against: &Against) -> Option<Pattern> {
+    let setup = &fit.model.setup;
+    let springs = fit.model.term("joint_compliance")?;
+    let compliance = |joint: usize| {
+        let name = &setup.robot.joints[joint].name;
+        let place = springs.parameters.iter().position(|p| p.name == *name);
+        place.map_or(0.0, |place| springs.of(&fit.values)[place])
+    };
+    let compliances: Vec<f64> = setup
+        .observed
+        .iter()
+        .map(|&joint| compliance(joint))
+        .collect();
+    let rank = field.matrix.ncols() - 1;
+    let postures: Vec<Vec<Isometry3<f64>>> = field
+        .readings
+        .iter()
+        .map(|reading| setup.robot.body_poses(&reading.joints))
+        .collect();
+    let member = |&joint: &usize| -> Member {
+        let body = joint + 1;
+        let places = postures.iter().map(|poses| poses[body].translation.vector);
+        let middle = places.sum::<Vector3<f64>>() / postures.len().max(1) as f64;
+        let chain = setup.robot.chain(body);
+        let mut squares = DMatrix::zeros(FORCES, FORCES);
+        let mut through = DMatrix::zeros(rank, FORCES);
+        let mut pull = DVector::zeros(FORCES);
+        for (index, (block, poses)) in blocks.iter().zip(&postures).enumerate() {
+            let place = poses[body].translation.vector;
+            let forces = forces(&(place - middle));
+            let mut turns = DMatrix::zeros(setup.observed.len(), FORCES);
+            for (row, &own) in setup.observed.iter().enumerate() {
+                if !chain.contains(&own) || setup.robot.joints[own].kind == JointKind::Prismatic {
+                    continue;
+                }
+                let pose = poses[own + 1];
+                let axis = pose.rotation * *setup.robot.joints[own].axis;
+                let lever = place - pose.translation.vector;
+                for (column, force) in forces.iter().enumerate() {
+                    turns[(row, column)] = compliances[row] * axis.dot(&lever.cross(force));
+                }
+            }
+            let columns = block * turns;
+            let own = field.matrix.rows(field.rows[index], block.nrows());
+            squares += columns.transpose() * &columns;
+            through += own.columns(0, rank).transpose() * &columns;
+            pull += columns.transpose() * own.column(rank);
+        }
+        let raw = squares.trace() / against.variance;
+        let information = (squares - through.transpose() * &through) / against.variance;
+        let score = Score::of(information, &(pull / against.variance), raw);
+        let name = &setup.robot.bodies[body].name;
+        (
+            format!("place of {name}"),
+            format!("something pulled at {name} (a hose, a cable)"),
+            score,
+        )
+    };
+    let turning = |joint: &&usize| setup.robot.joints[**joint].kind != JointKind::Prismatic;
+    // the last link's load is the payload's, and the wrist sensor's
+    let links = setup.observed.len().saturating_sub(1);
+    let members = setup.observed[..links].iter().filter(turning).map(member);
+    best("pose", members.collect(), against)
+}
+
+/// Forces of a pull: constant, and symmetric in the place.
+const FORCES: usize = 9;
+
+/// Them at a place (m from the middle of all), N.
+fn forces(place: &Vector3<f64>) -> [Vector3<f64>; FORCES] {
+    let [constant, slope] = PULL;
+    let unit = |k: usize| Vector3::from_fn(|i, _| f64::from(u8::from(i == k)));
+    let pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
+    std::array::from_fn(|k| match k.checked_sub(3) {
+        None => unit(k) * constant,
+        Some(k) => {
+            let (a, b) = pairs[k];
+            let both = unit(a) * place[b] + unit(b) * place[a];
+            both * (if a == b { 0.5 } else { 1.0 } * slope)
+        }
+    })
 }
 
 /// An error of one joint that follows something that all joints share.
