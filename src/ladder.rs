@@ -21,8 +21,8 @@ pub struct Rung {
     pub fit: Errors,
     /// Errors of readings not fitted.
     pub heldout: Option<Errors>,
-    /// Share of the mean square position error of the fitted readings above noise, frames alone, that this rung takes
-    /// away.
+    /// Share of the mean square position error above noise that the rung before left, fitted readings, which this one
+    /// takes away.
     pub explained: f64,
 }
 
@@ -211,16 +211,19 @@ pub fn climb(
 }
 
 fn rungs(steps: &[(String, Fit)], floor: f64) -> Vec<Rung> {
-    let square = |fit: &Fit| fit.fit.position_rms_m.powi(2);
-    let whole = steps.first().map_or(0.0, |step| square(&step.1)) - floor.powi(2);
+    let above = |fit: &Fit| fit.fit.position_rms_m.powi(2) - floor.powi(2);
     let mut before = None;
     let rung = |(added, fit): &(String, Fit)| {
-        let gone = before.replace(square(fit)).map_or(0.0, |b| b - square(fit));
+        let left = before.replace(above(fit)).unwrap_or(0.0);
         Rung {
             added: added.clone(),
             fit: fit.fit,
             heldout: fit.heldout,
-            explained: if whole > 0.0 { gone / whole } else { 0.0 },
+            explained: if left > 0.0 {
+                ((left - above(fit)) / left).min(1.0)
+            } else {
+                0.0
+            },
         }
     };
     steps.iter().map(rung).collect()
