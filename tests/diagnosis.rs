@@ -361,7 +361,11 @@ fn a_ladder_starts_and_stops_where_it_is_told_to() {
     assert_eq!(added(&whole).len(), 6);
     assert!(!whole.last.stopped);
     // what all rungs together leave is noise, and what the fit takes up of it
-    let left: f64 = whole.rungs.iter().map(|rung| 1.0 - rung.explained).product();
+    let left: f64 = whole
+        .rungs
+        .iter()
+        .map(|rung| 1.0 - rung.explained)
+        .product();
     assert!((0.0..0.01).contains(&left), "{left}");
     // each effect is worth something, and without it the error is that of a smaller model
     assert_eq!(whole.left_out.len(), 2);

@@ -98,8 +98,8 @@ pub struct Diagnosis {
     pub verdict: Verdict,
     /// Its effects.
     pub effects: Vec<String>,
-    /// Two that cannot be told apart, if the verdict is a set of aliases; the first is in the fit.
-    pub alike: Option<(Arc<dyn AnyEffect>, Arc<dyn AnyEffect>)>,
+    /// Pairs that cannot be told apart, if the verdict is a set of aliases; the first of each is in the fit.
+    pub alike: Vec<(Arc<dyn AnyEffect>, Arc<dyn AnyEffect>)>,
     /// Effects added one after the other, also where the verdict is a set of aliases.
     pub named: Vec<String>,
     /// What the campaign could say at all.
@@ -260,11 +260,11 @@ pub fn diagnose_until(
     }
     let mut named: Vec<String> = steps.iter().map(|step| step.0.clone()).collect();
     let mut alike = named.clone();
-    let mut pair = None;
+    let mut pairs = Vec::new();
     let is_named = |effect: &Arc<dyn AnyEffect>| named.iter().any(|id| id == effect.id());
     for (effect, others) in first.near.iter().filter(|(effect, _)| is_named(effect)) {
         for other in others {
-            pair.get_or_insert_with(|| (effect.clone(), other.clone()));
+            pairs.push((effect.clone(), other.clone()));
             if alike.iter().all(|id| id != other.id()) {
                 alike.push(other.id().to_owned());
             }
@@ -330,7 +330,11 @@ pub fn diagnose_until(
     Ok(Diagnosis {
         verdict,
         effects,
-        alike: pair.filter(|_| verdict == Verdict::Alias),
+        alike: if verdict == Verdict::Alias {
+            pairs
+        } else {
+            Vec::new()
+        },
         named,
         power: first.power,
         contrasts: first.contrasts,

@@ -1,6 +1,6 @@
 //! After an alias verdict: the poses that would tell its effects apart.
 
-use super::{Diagnosis, Verdict, fitted};
+use super::{Diagnosis, fitted};
 use crate::campaign::Campaign;
 use crate::effects::AnyEffect;
 use crate::fit::{self, FitError};
@@ -21,8 +21,8 @@ pub enum NextError {
     Plan(#[from] PlanError),
 }
 
-/// The poses to be measured besides, so that the first two effects of an alias verdict that cannot be told apart can
-/// be, both at the sizes that the campaign gives them; none for other verdicts.
+/// The poses to be measured besides, so that effects of an alias verdict can be told apart, at the sizes that the
+/// campaign gives them; of several pairs the one that is hardest to tell. None for other verdicts.
 ///
 /// # Errors
 /// If there is no such plan.
@@ -31,21 +31,38 @@ pub fn next_poses(
     diagnosis: &Diagnosis,
     poses: usize,
 ) -> Result<Option<Separation>, NextError> {
-    let (Verdict::Alias, Some((first, second))) = (diagnosis.verdict, &diagnosis.alike) else {
-        return Ok(None);
-    };
+    let mut hardest: Option<Separation> = None;
+    let least = |plan: &Separation| plan.ways[0].proposed.min(plan.ways[1].proposed);
+    for (first, second) in &diagnosis.alike {
+        let plan = apart(campaign, diagnosis, [first, second], poses)?;
+        if hardest
+            .as_ref()
+            .is_none_or(|known| least(&plan) < least(known))
+        {
+            hardest = Some(plan);
+        }
+    }
+    Ok(hardest)
+}
+
+fn apart(
+    campaign: &Campaign,
+    diagnosis: &Diagnosis,
+    pair: [&Arc<dyn AnyEffect>; 2],
+    poses: usize,
+) -> Result<Separation, NextError> {
     // beside what is named otherwise
-    let base = diagnosis.fit.model.without(first.id());
+    let base = diagnosis.fit.model.without(pair[0].id());
     let size = |effect: &Arc<dyn AnyEffect>| -> Result<Vec<f64>, FitError> {
         let model = base.with(effect);
         let fit = fit::refit(campaign, &model, &diagnosis.fit)?;
         let term = model.term(effect.id());
         Ok(term.map_or_else(Vec::new, |term| term.of(&fit.values).to_vec()))
     };
-    let sizes = [size(first)?, size(second)?];
+    let sizes = [size(pair[0])?, size(pair[1])?];
     let readings = fitted(campaign);
     let bare = fit::refit(campaign, &base, &diagnosis.base)?;
     let task = Task::after(&bare, &readings, poses);
     let sizes = [Some(&sizes[0][..]), Some(&sizes[1][..])];
-    Ok(Some(plan::separate(&task, [first, second], sizes)?))
+    Ok(plan::separate(&task, pair, sizes)?)
 }
