@@ -83,7 +83,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         };
         let apart = found
             .alike
-            .as_ref()
+            .first()
             .map(|(a, b)| format!("misfit plan {path} --separate {},{}", a.id(), b.id()));
         // a ladder starts from the frames, whatever the model
         let ladder = of_model.is_none().then(|| format!("misfit ladder {path}"));
