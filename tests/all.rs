@@ -18,3 +18,4 @@ mod plan;
 mod plant;
 mod recording;
 mod robot;
+mod sweep;
