@@ -459,6 +459,9 @@ fn explained(base: &Fit, later: &Fit) -> f64 {
     }
 }
 
+/// An effect, and those that cannot be told from it.
+type Alike = (Arc<dyn AnyEffect>, Vec<Arc<dyn AnyEffect>>);
+
 /// All tests on one fit.
 #[derive(Clone)]
 struct Analysis {
@@ -475,7 +478,7 @@ struct Analysis {
     /// What the set is worth on poses left out.
     gain: Option<Gain>,
     /// By effect of the set: those that cannot be told from it.
-    near: Vec<(Arc<dyn AnyEffect>, Vec<Arc<dyn AnyEffect>>)>,
+    near: Vec<Alike>,
     /// What could be seen.
     power: Power,
     /// Waves of a gear that the scan found.
@@ -701,7 +704,7 @@ fn near(
     members: &[usize],
     information: &Information,
     against: &Against,
-) -> Vec<(Arc<dyn AnyEffect>, Vec<Arc<dyn AnyEffect>>)> {
+) -> Vec<Alike> {
     let effect = |family: usize| families[family].effect.clone();
     let of = |&member: &usize| {
         let beside = search::beside(families, members, member, information, against);
