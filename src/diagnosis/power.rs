@@ -100,9 +100,9 @@ impl Power {
         }
     }
 
-    /// Can it name anything?
+    /// Can it name anything? Not if hardly one in four of the effects that it could see is no other one.
     pub fn is_enough(&self) -> bool {
-        self.apart > 0
+        self.apart > 0 && 4 * self.apart >= self.visible
     }
 
     /// What would help, in words.

@@ -136,8 +136,8 @@ fn design(power: &Power) -> String {
     let mut text = wrap(&text, 9);
     if !power.is_enough() {
         let line = format!(
-            "         No diagnosis is possible: {} rows, {} of which go into the model; whatever is left of an \
-             effect, another one could be. Needed: {}",
+            "         No diagnosis is possible: {} rows, {} of which go into the model; what is left of most \
+             effects, another one could be. Needed: {}",
             power.rows,
             power.taken,
             if lacks.is_empty() {

@@ -33,7 +33,7 @@ pub struct Row {
     pub contrast: String,
     /// The contrast that the diagnosis found to carry most.
     pub contrast_found: String,
-    /// Was it right? See [`Row::judge`].
+    /// Was it right? See [`judge`].
     pub outcome: String,
     /// Share of the misfit that the named effects explain.
     pub explained: f64,
