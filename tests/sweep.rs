@@ -131,6 +131,7 @@ fn row(case: usize, class: &str, lambda: f64, outcome: &str) -> Row {
         hidden: "backlash".into(),
         size: "1".into(),
         lambda,
+        deviation: None,
         verdict: "named".into(),
         named: "backlash".into(),
         ranking: String::new(),

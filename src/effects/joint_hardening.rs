@@ -4,7 +4,7 @@
 //! `dq_j = n_j clip(τ_j, -T_j, T_j)` on top of the linear compliance, `n_j = 1/K_1 - 1/K_2` in rad/(N·m) (m/N). Below the
 //! knee `T_j` the joint has the stiffness `K_1`, above it `K_2`: the stiffness zones of gear catalogues, the first two of
 //! three. Option `knee`: one number in N·m (N), or a table by joint; by default a seventh of the effort that the robot
-//! file gives the joint, and 7 N·m where it gives none.
+//! file gives the joint, and 7 N·m where it gives none. Option `knee_factor`: so many times that default.
 //!
 //! ## Signature
 //! Odd in the joint's torque and saturating: the deflection plotted over the torque has a kink at the knee.
@@ -35,6 +35,8 @@ use std::sync::Arc;
 pub struct JointHardening {
     /// Torque at which the stiffness changes, N·m (N).
     knee: Option<PerJoint>,
+    /// What joints without a knee of their own have, times the usual.
+    knee_factor: Option<f64>,
 }
 
 /// Knee as a share of the rated torque.
@@ -49,7 +51,8 @@ impl JointHardening {
             .knee
             .as_ref()
             .and_then(|knee| knee.of(&joint.name).copied());
-        given.unwrap_or_else(|| joint.effort.map_or(USUAL, |effort| effort * SHARE))
+        let factor = self.knee_factor.unwrap_or(1.0);
+        given.unwrap_or_else(|| factor * joint.effort.map_or(USUAL, |effort| effort * SHARE))
     }
 }
 
@@ -59,6 +62,11 @@ impl Effect for JointHardening {
     const NEEDS: &'static [Need] = &[Need::Load];
 
     fn check(&self, setup: &Setup) -> Result<(), String> {
+        if let Some(factor) = self.knee_factor.filter(|f| !(*f > 0.0 && f.is_finite())) {
+            return Err(format!(
+                "knee_factor = {factor}; accepted: a number above 0"
+            ));
+        }
         PerJoint::check(self.knee.as_ref(), "knee", setup)
     }
 

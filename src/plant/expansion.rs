@@ -15,6 +15,8 @@ pub(super) struct Growing {
     cold: Vector3<f64>,
     /// Movement per kelvin, m/K.
     rate: Vector3<f64>,
+    /// How that rate changes, 1/K.
+    curvature: f64,
     /// A centre of mass, or a body's origin.
     is_com: bool,
 }
@@ -35,6 +37,7 @@ pub(super) fn find(spec: &PlantSpec, model: &Model) -> Result<Vec<Growing>, Plan
             body,
             cold,
             rate: from_origin * spec.expansion,
+            curvature: spec.expansion_curvature,
             is_com,
         });
         Ok::<(), MujocoError>(())
@@ -64,7 +67,8 @@ pub(super) fn grow(
     temperature: f64,
 ) -> Result<(), MujocoError> {
     for place in growing {
-        let at = place.cold + place.rate * temperature;
+        let warmth = temperature * (1.0 + place.curvature * temperature);
+        let at = place.cold + place.rate * warmth;
         if place.is_com {
             data.set_body_ipos(place.body, at)?;
         } else {

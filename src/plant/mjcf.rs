@@ -138,6 +138,7 @@ pub(super) fn check(spec: &PlantSpec) -> Result<(), PlantError> {
     }
     for (what, value) in [
         ("an expansion", spec.expansion),
+        ("an expansion's curvature", spec.expansion_curvature),
         ("a tracker scale", spec.tracker_scale),
     ] {
         if !value.is_finite() {

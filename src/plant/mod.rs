@@ -48,6 +48,8 @@ pub struct PlantSpec {
     pub load_laws: Vec<LoadLaw>,
     /// Linear expansion of every body, 1/K.
     pub expansion: f64,
+    /// How the expansion itself grows, 1/K: `ΔT` above the mean counts as `ΔT (1 + b ΔT)`.
+    pub expansion_curvature: f64,
     /// Gravity in the base frame, m/s².
     pub gravity: Vector3<f64>,
     /// By target: link index and the target's pose in it.
@@ -207,6 +209,7 @@ impl PlantSpec {
             windup_laws: Vec::new(),
             load_laws: Vec::new(),
             expansion: 0.0,
+            expansion_curvature: 0.0,
             gravity,
             targets: targets
                 .into_iter()

@@ -11,7 +11,7 @@ use crate::plant::{Command, Plant, PlantError, PlantSpec};
 use nalgebra::Vector3;
 
 /// Time between two readings, s: moving there and settling.
-const PACE: f64 = 20.0;
+pub(crate) const PACE: f64 = 20.0;
 
 /// Builds the truth: nominal robot and hidden effects.
 ///

@@ -11,7 +11,7 @@ use crate::plan::space::generator;
 use crate::plant::{PlantError, PlantSpec};
 use crate::scenario::design::{stream, visits};
 use crate::scenario::efficiency::true_values;
-use crate::scenario::simulate::{measure, plant_spec};
+use crate::scenario::simulate::{PACE, measure, plant_spec};
 use crate::scenario::{Scenario, ScenarioError, Truth};
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
@@ -85,8 +85,11 @@ enum Hidden {
 enum Twist {
     /// A third harmonic of this size on each joint, by joint.
     ThirdHarmonic(Vec<(usize, f64)>),
-    /// Time runs down: `t → T (1 - exp(-t/T))`-like curvature of this strength.
-    Curved(f64),
+    /// A drift that slows down: the time `u` from the first reading, at `start` (s from the middle), counts as
+    /// `T (1 - exp(-u/T))`.
+    SlowsDown { start: f64, constant: f64 },
+    /// An expansion of this curvature, 1/K: a temperature `ΔT` above the mean counts as `ΔT (1 + b ΔT)`.
+    Bent(f64),
 }
 
 /// A drawn case with its campaign.
@@ -106,6 +109,9 @@ pub struct Case {
     pub sizes: Vec<f64>,
     /// Signal of each, beside the base model and the other hidden effect.
     pub lambdas: Vec<f64>,
+    /// Signal of all hidden effects of another form than the catalogue's that their own laws cannot take up beside the
+    /// base model; none where all have the catalogue's.
+    pub deviation: Option<f64>,
     /// Contrast in which an effect outside the catalogue shows.
     pub contrast: Option<&'static str>,
     /// Readings for the diagnosis.
@@ -165,6 +171,10 @@ pub fn draw(scenario: &Scenario, number: usize) -> Result<Case, CaseError> {
     };
     let sizes = bench.sizes(&hidden, &wanted, blind.most)?;
     let lambdas = bench.lambdas(&hidden, &sizes)?;
+    let deviation = match blind.wrong_form {
+        true => Some(bench.deviation(&hidden, &sizes)?),
+        false => None,
+    };
     let plant = bench.plant(&hidden, &sizes)?;
     let campaign = measured(&base, &plant)?;
     let truth = measure(&base, &plant, &Noise::default(), || {})?;
@@ -188,6 +198,7 @@ pub fn draw(scenario: &Scenario, number: usize) -> Result<Case, CaseError> {
             })
             .collect(),
         lambdas,
+        deviation,
         scenario: told,
         plant,
         campaign,
@@ -233,14 +244,14 @@ fn hide(
     Ok(match class {
         Class::None => Vec::new(),
         // each family in its turn
-        Class::One => vec![effect(families[place % families.len()], random)],
+        Class::One => vec![effect(families[place % families.len()], random)?],
         Class::Two => {
             let first = random.random_range(0..families.len());
             let other = random.random_range(1..families.len());
             let second = (first + other) % families.len();
             vec![
-                effect(families[first], random),
-                effect(families[second], random),
+                effect(families[first], random)?,
+                effect(families[second], random)?,
             ]
         }
         Class::Outside => {
@@ -260,13 +271,19 @@ fn hide(
 }
 
 /// An effect with random parameters: all of them in half of the cases, else those of one joint (or one alone).
-fn drawn(base: &Scenario, blind: &Blind, id: &'static str, random: &mut impl Rng) -> Hidden {
+fn drawn(
+    base: &Scenario,
+    blind: &Blind,
+    id: &'static str,
+    random: &mut impl Rng,
+) -> Result<Hidden, CaseError> {
     let make = |options: toml::Table| find(id).and_then(|entry| entry.make(options).ok());
     let mut options = toml::Table::new();
     let stretch: f64 = random.random_range(-1.0..1.0);
     if blind.wrong_form && id == "joint_hardening" {
-        // the plant's knee, 0.4 to 2.5 times the usual 7 N·m; the catalogue keeps its own
-        options.insert("knee".to_owned(), (7.0 * 2.5f64.powf(stretch)).into());
+        // every joint's knee, 0.4 to 2.5 times its usual one; the catalogue keeps its own
+        let factor = 2.5f64.powf(stretch);
+        options.insert("knee_factor".to_owned(), factor.into());
     }
     let Some(effect) = make(options) else {
         unreachable!("families are in the catalogue, and need no options")
@@ -297,13 +314,16 @@ fn drawn(base: &Scenario, blind: &Blind, id: &'static str, random: &mut impl Rng
             (parameter.name.clone(), draw * parameter.typical)
         })
         .collect();
-    let twist = blind.wrong_form.then(|| twist(base, id, &values, random));
-    Hidden::Effect {
+    let twist = match blind.wrong_form {
+        true => twist(base, id, &values, random)?,
+        false => None,
+    };
+    Ok(Hidden::Effect {
         effect,
         values,
         largest,
-        twist: twist.flatten(),
-    }
+        twist,
+    })
 }
 
 /// How the plant's law differs, for the effects that have such a form.
@@ -312,15 +332,17 @@ fn twist(
     id: &str,
     values: &[(String, f64)],
     random: &mut impl Rng,
-) -> Option<Twist> {
-    match id {
+) -> Result<Option<Twist>, CaseError> {
+    Ok(match id {
         "transmission_error" => {
             let mut of: Vec<(usize, f64)> = Vec::new();
             for (name, value) in values {
                 let joint = name
                     .split_once('.')
                     .map_or(name.as_str(), |(joint, _)| joint);
-                let joint = base.setup.robot.joint(joint)?;
+                let Some(joint) = base.setup.robot.joint(joint) else {
+                    continue;
+                };
                 match of.last_mut() {
                     Some((last, size)) if *last == joint => *size += 0.15 * value.abs(),
                     _ => of.push((joint, 0.15 * value.abs())),
@@ -328,9 +350,21 @@ fn twist(
             }
             Some(Twist::ThirdHarmonic(of))
         }
-        "frame_drift" => Some(Twist::Curved(random.random_range(0.2..0.5))),
+        "frame_drift" => {
+            let length = PACE * visits(base)?.len().saturating_sub(1) as f64;
+            // at the end it has 0.6 to 0.08 of the rate that it begins with
+            let constant = length / random.random_range(0.5..2.5);
+            Some(Twist::SlowsDown {
+                start: -length / 2.0,
+                constant,
+            })
+        }
+        "thermal_expansion" => {
+            let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
+            Some(Twist::Bent(sign * random.random_range(0.02..0.05)))
+        }
         _ => None,
-    }
+    })
 }
 
 /// The truths as the catalogue can say them.
@@ -412,6 +446,23 @@ impl Bench<'_> {
         Ok(found)
     }
 
+    /// λ of all hidden effects that the catalogue's laws of the same names do not take up.
+    fn deviation(&self, hidden: &[Hidden], sizes: &[f64]) -> Result<f64, CaseError> {
+        let all = self.silent(hidden, sizes)?;
+        let rest = self.silent(hidden, &vec![0.0; sizes.len()])?;
+        let mut model = model_file::model(&all, None, None)?;
+        for hidden in hidden {
+            let entry = find(&hidden.name());
+            if let Some(usual) = entry.and_then(|entry| entry.make(toml::Table::new()).ok()) {
+                model = model.with(&usual);
+            }
+        }
+        let mut told = self.scenario.clone();
+        told.truth.extend(truths(hidden, sizes));
+        let values = true_values(&told, &model);
+        Ok(signal::lambda(&all, &rest, &model, &values, self.sigma))
+    }
+
     /// Sizes at which each hidden effect has the λ wanted of it, given the others; smaller ones where that would be
     /// larger than `most` typical sizes, or than the plant can realise.
     fn sizes(&self, hidden: &[Hidden], wanted: &[f64], most: f64) -> Result<Vec<f64>, CaseError> {
@@ -461,17 +512,18 @@ impl Twist {
                     }
                 }));
             }
-            Self::Curved(strength) => {
-                let strength = *strength;
+            Self::SlowsDown { start, constant } => {
+                let (start, constant) = (*start, *constant);
                 for law in &mut plant.tracker_laws {
                     let straight = law.clone();
                     *law = Arc::new(move |command, pose| {
-                        let mut bent = command.clone();
-                        bent.time *= 1.0 - strength * (command.time / 7200.0).abs();
-                        straight(&bent, pose);
+                        let mut slowed = command.clone();
+                        slowed.time = -constant * (-(command.time - start) / constant).exp_m1();
+                        straight(&slowed, pose);
                     });
                 }
             }
+            Self::Bent(curvature) => plant.expansion_curvature = *curvature,
         }
     }
 }

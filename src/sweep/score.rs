@@ -23,6 +23,9 @@ pub struct Row {
     pub size: String,
     /// Its signal beside the base model and the other hidden effect, σ²; the smaller of two.
     pub lambda: f64,
+    /// Where laws have another form than the catalogue's: the part of that signal, of all that is hidden, which the
+    /// catalogue's law of the same name cannot take up, σ².
+    pub deviation: Option<f64>,
     /// The diagnosis' verdict.
     pub verdict: String,
     /// The effects that it names.
@@ -149,6 +152,7 @@ fn row(case: &Case, found: &Diagnosis) -> Row {
         hidden: case.hidden.join("+"),
         size: sizes.join("+"),
         lambda: case.lambdas.iter().copied().reduce(f64::min).unwrap_or(0.0),
+        deviation: case.deviation,
         verdict: word(found.verdict).to_owned(),
         named: found.effects.join("+"),
         ranking: first(2),
