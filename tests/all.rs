@@ -11,6 +11,7 @@ mod effects;
 mod equilibrium;
 mod expression;
 mod fit;
+mod form;
 mod formula;
 mod house;
 mod kinematics;

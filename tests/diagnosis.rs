@@ -21,7 +21,7 @@ fn campaign(hidden: &str, seed: u64) -> Campaign {
     campaign_of(15, hidden, seed)
 }
 
-fn campaign_of(poses: usize, hidden: &str, seed: u64) -> Campaign {
+pub fn campaign_of(poses: usize, hidden: &str, seed: u64) -> Campaign {
     let folder = tempfile::tempdir().unwrap();
     let robot = fs::canonicalize("models/sda5f/sda5f.urdf").unwrap();
     let text = format!(
@@ -64,11 +64,11 @@ loads = [{{ mass_kg = 0.0 }}, {{ mass_kg = 5.0, com_m = [0.05, 0.0, 0.05] }}]
     simulate(&Scenario::load(&path).unwrap(), || {}).unwrap()
 }
 
-fn truth(kind: &str, values: &str) -> String {
+pub fn truth(kind: &str, values: &str) -> String {
     format!("[[truth]]\nkind = \"{kind}\"\nvalues = {{ {values} }}\n")
 }
 
-fn found(campaign: &Campaign) -> Diagnosis {
+pub fn found(campaign: &Campaign) -> Diagnosis {
     let model = model_file::model(campaign, None, None).unwrap();
     diagnose(campaign, &model, &[], &QUICK, |_| {}).unwrap()
 }

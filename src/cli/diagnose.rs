@@ -2,7 +2,7 @@
 
 use super::{Outcome, print, print_json, progress};
 use crate::campaign::Campaign;
-use crate::diagnosis::{self, ripple};
+use crate::diagnosis::{self, Diagnosis};
 use crate::fit::Options;
 use crate::{model_file, report};
 use std::path::PathBuf;
@@ -74,8 +74,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             &arguments.save_model,
         ) {
             (Some(_), Some(file)) => Some(format!("misfit fit {path} --model {}", file.display())),
-            // its cycles are options: a file holds them
-            (Some(ripple::EFFECT), None) => {
+            // what it was found with are options (cycles of waves, a knee): a file holds them
+            (Some(effect), None) if has_options(&found, effect) => {
                 Some(format!("misfit diagnose {path}{given} -o model.toml"))
             }
             (Some(effect), None) => Some(format!("misfit fit {path}{given} --effects +{effect}")),
@@ -99,4 +99,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     } else {
         Outcome::Missed
     })
+}
+
+fn has_options(found: &Diagnosis, effect: &str) -> bool {
+    let term = found.fit.model.term(effect);
+    term.is_some_and(|term| !term.effect.options().is_empty())
 }

@@ -78,6 +78,26 @@ impl Family {
         }
     }
 
+    /// The family of `times` columns for each of its own, in the same order and behind them.
+    pub fn widened(&self, times: usize) -> Self {
+        let first = self.columns.end;
+        let wide = |own: &Range<usize>| {
+            let from = |k: usize| first + (k - self.columns.start) * times;
+            from(own.start)..from(own.end)
+        };
+        Self {
+            effect: self.effect.clone(),
+            columns: wide(&self.columns),
+            groups: self.groups.iter().map(wide).collect(),
+            trials: 0.0,
+        }
+    }
+
+    /// The same effect, in this form or another?
+    pub fn is_form_of(&self, other: &Self) -> bool {
+        self.effect.id() == other.effect.id()
+    }
+
     /// Its score.
     pub fn score(&self, information: &Information, against: &Against) -> FamilyScore {
         let all = information.score(&self.columns);

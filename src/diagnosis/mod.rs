@@ -8,6 +8,7 @@
 mod contrasts;
 mod families;
 mod folds;
+mod form;
 mod next;
 mod patterns;
 mod power;
@@ -26,6 +27,7 @@ use crate::fit::{self, CampaignProblem, Fit, FitError, Options};
 use crate::model::Model;
 use contrasts::Field;
 use families::{Family, FamilyScore};
+use form::Form;
 use nalgebra::DMatrix;
 pub use next::{NextError, POSES, next_poses};
 pub use patterns::Pattern;
@@ -43,6 +45,8 @@ const ALARM: f64 = 1e-3;
 const NEAR: f64 = 3.0;
 /// A named effect that explains less than this of the evidence is not what is missing.
 const ENOUGH: f64 = 0.9;
+/// An effect of another form than the catalogue's explains at least this share of the evidence in the catalogue's.
+const MOSTLY: f64 = 0.8;
 /// What is known to imitate an effect does so if it explains this share of its signal, and what it does not explain
 /// would not tell.
 const IMITATES: f64 = 0.8;
@@ -289,10 +293,25 @@ pub fn diagnose_until(
         }
     } else {
         let worthless = first.gain.is_some_and(|gain| gain.is_below(WORTH));
-        // one effect may have another form; that it takes several, and something is still left, is no finding
-        let share = evidence / before.max(evidence + after);
-        if worthless || left || before > evidence + after + NEAR {
-            if named.len() == 1 && share >= ENOUGH && !worthless {
+        let all = before.max(evidence + after);
+        let doubtful = left || before > evidence + after + NEAR;
+        // one effect may have another form: so it is if that explains as much as a set of several, or as any pattern; that
+        // it takes several, and something is still left, is no finding
+        let main = match steps.len() > 1 || doubtful {
+            true => main(&campaign, &base, &first),
+            false => None,
+        };
+        let of_other_form = main.as_ref().filter(|(_, form)| {
+            let best = if doubtful { all } else { evidence };
+            form.usual >= MOSTLY * all && form.free >= best
+        });
+        if worthless {
+            Verdict::Unknown
+        } else if let Some((effect, _)) = of_other_form {
+            named = vec![effect.id().to_owned()];
+            Verdict::NamedIncomplete
+        } else if doubtful {
+            if named.len() == 1 && evidence >= ENOUGH * all {
                 Verdict::NamedIncomplete
             } else {
                 Verdict::Unknown
@@ -307,6 +326,14 @@ pub fn diagnose_until(
         named.clear();
         steps.clear();
         last = first.clone();
+    } else if verdict == Verdict::NamedIncomplete && named.len() < steps.len() {
+        // of a set that only repairs the form of one, that one
+        let one = first.set.iter().find(|effect| effect.id() == named[0]);
+        if let Some(effect) = one {
+            let fit = finite_fit(&campaign, &base.model.with(effect), Some(&base))?;
+            last = analyse(&campaign, &fit, own, !fit.model.has(ripple::EFFECT));
+            steps = vec![(named[0].clone(), fit)];
+        }
     }
     let effects = if verdict == Verdict::Alias {
         alike
@@ -375,6 +402,20 @@ pub fn evidence(campaign: &Campaign, without: &Fit, effect: &Arc<dyn AnyEffect>)
     let variance = against(without, &gram).variance;
     let information = gram.families(variance);
     information.score(&(0..free.len() - base)).log_evidence
+}
+
+/// Of the effects of a set, the one that explains most alone, and how well it does in another form.
+fn main(
+    campaign: &Campaign,
+    base: &Fit,
+    analysis: &Analysis,
+) -> Option<(Arc<dyn AnyEffect>, Form)> {
+    let rank = |effect: &Arc<dyn AnyEffect>| {
+        let of = |candidate: &Candidate| candidate.effect == effect.id();
+        analysis.candidates.iter().position(of).unwrap_or(usize::MAX)
+    };
+    let effect = analysis.set.iter().min_by_key(|effect| rank(effect))?;
+    Some((effect.clone(), Form::of(campaign, base, effect)))
 }
 
 /// Does the later fit predict poses left out better by more than chance, and by a share of what was gained since the
@@ -485,10 +526,10 @@ struct Analysis {
     waves: Vec<Wave>,
 }
 
-/// Effects that a model lacks: of the catalogue, those that need no options, and the user's own.
+/// Effects that a model lacks: of the catalogue, those that need no options, in all their forms, and the user's own.
 fn lacking(model: &Model, own: &[Arc<dyn AnyEffect>]) -> Vec<Arc<dyn AnyEffect>> {
     let entries = CATALOGUE.iter().filter(|entry| !model.has(entry.id));
-    let made = entries.filter_map(|entry| entry.make(toml::Table::new()).ok());
+    let made = entries.flat_map(|entry| entry.all_forms());
     let own = own.iter().filter(|effect| !model.has(effect.id())).cloned();
     made.chain(own).collect()
 }
@@ -505,6 +546,16 @@ fn analyse(
     let mut effects = lacking(&fit.model, own);
     let (mut families, mut blocks) = columns(fit, &effects, &readings, &whiteners);
     let base = fit.free.len();
+    let forms: Vec<f64> = families
+        .iter()
+        .map(|own| families.iter().filter(|other| own.is_form_of(other)).count() as f64)
+        .collect();
+    let count = |families: &mut [Family]| {
+        for (family, forms) in families.iter_mut().zip(&forms) {
+            family.trials = forms.ln();
+        }
+    };
+    count(&mut families);
     let mut waves = Vec::new();
     if with_waves {
         let gram = Gram::new(&blocks, base);
@@ -516,6 +567,7 @@ fn analyse(
         {
             effects.push(term.effect.clone());
             (families, blocks) = columns(fit, &effects, &readings, &whiteners);
+            count(&mut families);
             if let Some(last) = families.last_mut() {
                 last.trials = found.trials;
             }
@@ -558,6 +610,16 @@ fn analyse(
             None => tried.push(index),
         }
     }
+    // what is seen in one form is seen; what is in none is said once
+    let mut said: Vec<String> = Vec::new();
+    cannot_see.retain(|blind| {
+        let seen = |&index: &usize| families[index].effect.id() == blind.effect;
+        let first = !tried.iter().any(seen) && !said.contains(&blind.effect);
+        if first {
+            said.push(blind.effect.clone());
+        }
+        first
+    });
     let power = Power {
         rows: gram.rows,
         taken: gram.rank,
@@ -581,6 +643,15 @@ fn analyse(
         })
         .collect();
     candidates.sort_by(|a, b| b.log_evidence.total_cmp(&a.log_evidence));
+    // the best form of each effect
+    let mut listed: Vec<String> = Vec::new();
+    candidates.retain(|candidate| {
+        let first = !listed.contains(&candidate.effect);
+        if first {
+            listed.push(candidate.effect.clone());
+        }
+        first
+    });
     let find = || {
         let set = search::search(&families, &tried, &information, &against, MOST);
         let near = near(&families, &tried, &set.members, &information, &against);
@@ -718,11 +789,25 @@ fn near(
             (imitates || score.log_evidence > own.log_evidence - NEAR)
                 && score.is_sure(ALARM, tried.len())
         };
-        let others = tried
-            .iter()
-            .copied()
-            .filter(|other| !members.contains(other));
-        (effect(member), others.filter(close).map(effect).collect())
+        let others = tried.iter().copied().filter(|&other| {
+            let same = |&member: &usize| families[member].is_form_of(&families[other]);
+            !members.iter().any(same)
+        });
+        // of each effect its best form
+        let mut close: Vec<(usize, f64)> = others
+            .filter(close)
+            .map(|other| (other, families[other].score(&beside, against).log_evidence))
+            .collect();
+        let all = close.clone();
+        close.retain(|&(other, evidence)| {
+            let better = |&(form, more): &(usize, f64)| {
+                families[form].is_form_of(&families[other])
+                    && (more > evidence || (more == evidence && form < other))
+            };
+            !all.iter().any(better)
+        });
+        let close = close.into_iter().map(|(other, _)| effect(other));
+        (effect(member), close.collect())
     };
     members.iter().map(of).collect()
 }

@@ -85,7 +85,7 @@ impl Power {
             let own = &families[family].columns;
             tried
                 .iter()
-                .filter(|&&other| other != family)
+                .filter(|&&other| !families[other].is_form_of(&families[family]))
                 .all(|&other| {
                     let given = information.given(&families[other].columns, STRETCH);
                     let left: f64 = own.clone().map(|k| given.matrix[(k, k)]).sum();
@@ -93,9 +93,16 @@ impl Power {
                 })
         };
         let seen = |&&family: &&usize| scores[family].expected >= VISIBLE;
+        // an effect is counted once, in the first of its forms that is seen
+        let seen: Vec<&usize> = tried.iter().filter(seen).collect();
+        let first = |place: &usize| {
+            let form = |other: &&usize| families[**other].is_form_of(&families[*seen[*place]]);
+            !seen[..*place].iter().any(form)
+        };
+        let once: Vec<&usize> = (0..seen.len()).filter(first).map(|k| seen[k]).collect();
         Self {
-            visible: tried.iter().filter(seen).count(),
-            apart: tried.iter().filter(seen).filter(alone).count(),
+            visible: once.len(),
+            apart: once.iter().filter(|family| alone(family)).count(),
             ..self
         }
     }

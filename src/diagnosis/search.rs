@@ -39,7 +39,11 @@ pub fn search(
     for _ in 0..most {
         let mut next: Vec<(Vec<usize>, f64, usize, FamilyScore)> = Vec::new();
         for (parent, set) in beam.iter().enumerate() {
-            for &index in tried.iter().filter(|index| !set.members.contains(index)) {
+            let is_in = |&index: &usize| {
+                let same = |&member: &usize| families[member].is_form_of(&families[index]);
+                set.members.iter().any(same)
+            };
+            for &index in tried.iter().filter(|index| !is_in(index)) {
                 let score = families[index].score(&set.information, against);
                 if !score.is_sure(ALARM, tried.len()) {
                     continue;

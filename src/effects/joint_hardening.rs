@@ -4,7 +4,8 @@
 //! `dq_j = n_j clip(τ_j, -T_j, T_j)` on top of the linear compliance, `n_j = 1/K_1 - 1/K_2` in rad/(N·m) (m/N). Below the
 //! knee `T_j` the joint has the stiffness `K_1`, above it `K_2`: the stiffness zones of gear catalogues, the first two of
 //! three. Option `knee`: one number in N·m (N), or a table by joint; by default a seventh of the effort that the robot
-//! file gives the joint, and 7 N·m where it gives none. Option `knee_factor`: so many times that default.
+//! file gives the joint, and 7 N·m where it gives none. Option `knee_factor`: so many times that default;
+//! a diagnosis tries 0.32 to 3.2.
 //!
 //! ## Signature
 //! Odd in the joint's torque and saturating: the deflection plotted over the torque has a kink at the knee.
@@ -60,6 +61,13 @@ impl Effect for JointHardening {
     const ID: &'static str = "joint_hardening";
     const STAGE: Stage = Stage::Elastic;
     const NEEDS: &'static [Need] = &[Need::Load];
+    // the size of a gear is seldom known, and the knee doubles from one to the next: half a decade either way
+    const FORMS: &'static [&'static str] = &[
+        "knee_factor = 0.32",
+        "knee_factor = 0.56",
+        "knee_factor = 1.8",
+        "knee_factor = 3.2",
+    ];
 
     fn check(&self, setup: &Setup) -> Result<(), String> {
         if let Some(factor) = self.knee_factor.filter(|f| !(*f > 0.0 && f.is_finite())) {

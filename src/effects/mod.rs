@@ -159,6 +159,8 @@ pub trait Effect: Debug + Send + Sync + 'static {
     const NEEDS: &'static [Need] = &[];
     /// Effects of the catalogue that look exactly the same in some campaigns that meet its needs.
     const ALIASES: &'static [&'static str] = &[];
+    /// Other options of it, TOML, that a diagnosis tries beside none: numbers of its law that no robot file tells.
+    const FORMS: &'static [&'static str] = &[];
     /// [`Effect::ID`], but where one kind makes many effects each has a name of its own.
     fn id(&self) -> &str {
         Self::ID
@@ -344,6 +346,8 @@ pub struct Entry {
     pub needs: &'static [Need],
     /// [`Effect::ALIASES`].
     pub aliases: &'static [&'static str],
+    /// [`Effect::FORMS`].
+    pub forms: &'static [&'static str],
     source: &'static str,
     make: fn(toml::Table) -> Result<Arc<dyn AnyEffect>, toml::de::Error>,
 }
@@ -354,6 +358,7 @@ const fn entry<E: Effect + DeserializeOwned>(source: &'static str) -> Entry {
         stage: E::STAGE,
         needs: E::NEEDS,
         aliases: E::ALIASES,
+        forms: E::FORMS,
         source,
         make: |options| {
             let effect: E = toml::Value::Table(options.clone()).try_into()?;
@@ -370,6 +375,16 @@ impl Entry {
     /// For options that it does not know.
     pub fn make(&self, options: toml::Table) -> Result<Arc<dyn AnyEffect>, toml::de::Error> {
         (self.make)(options)
+    }
+
+    /// The effect in all forms that a diagnosis tries, the usual first; none if it needs options.
+    pub fn all_forms(&self) -> Vec<Arc<dyn AnyEffect>> {
+        let Ok(usual) = self.make(toml::Table::new()) else {
+            return Vec::new();
+        };
+        let others = self.forms.iter().filter_map(|form| form.parse().ok());
+        let others = others.filter_map(|options| self.make(options).ok());
+        std::iter::once(usual).chain(others).collect()
     }
 
     /// Its handbook page, Markdown: the `//!` comment of its file.

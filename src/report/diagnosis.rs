@@ -318,6 +318,14 @@ fn answer(diagnosis: &Diagnosis) -> String {
                 let _ = writeln!(out, "missing  {effect}{found}");
                 if *effect == ripple::EFFECT {
                     out.push_str(&waves(&diagnosis.waves));
+                } else if let Some(term) = diagnosis.fit.model.term(effect)
+                    && !term.effect.options().is_empty()
+                {
+                    // of the forms tried, not the usual one
+                    let options = term.effect.options().to_string();
+                    for option in options.lines().filter(|line| !line.is_empty()) {
+                        let _ = writeln!(out, "         {option}");
+                    }
                 }
             }
             fall(&mut out);
