@@ -47,6 +47,11 @@ const NEAR: f64 = 3.0;
 const ENOUGH: f64 = 0.9;
 /// An effect of another form than the catalogue's explains at least this share of the evidence in the catalogue's.
 const MOSTLY: f64 = 0.8;
+/// A second effect of which the first could take up this share, and with less signal than the first's law need be wrong
+/// by, may be no more than the first's form.
+const KIN: f64 = 0.3;
+/// Share of an effect's signal by which its law may be wrong.
+const INEXACT: f64 = 0.05;
 /// What is known to imitate an effect does so if it explains this share of its signal, and what it does not explain
 /// would not tell.
 const IMITATES: f64 = 0.8;
@@ -303,7 +308,8 @@ pub fn diagnose_until(
         };
         let of_other_form = main.as_ref().filter(|(_, form)| {
             let best = if doubtful { all } else { evidence };
-            form.usual >= MOSTLY * all && form.free >= best
+            form.usual >= MOSTLY * all
+                && (form.free >= best || first.one_form && form.usual >= ENOUGH * all)
         });
         if worthless {
             Verdict::Unknown
@@ -518,6 +524,8 @@ struct Analysis {
     first_evidence: f64,
     /// What the set is worth on poses left out.
     gain: Option<Gain>,
+    /// Are all of the set but the one that explains most perhaps no more than that one's form?
+    one_form: bool,
     /// By effect of the set: those that cannot be told from it.
     near: Vec<Alike>,
     /// What could be seen.
@@ -661,7 +669,8 @@ fn analyse(
             .map(|&m| (&families[m], scores[m].scale))
             .collect();
         let gain = gain(&readings, &whiteners, &blocks, &members, base, &against);
-        (set, near, gain)
+        let one_form = is_one_form(&families, &scores, &set.members, &information, &against);
+        (set, near, gain, one_form)
     };
     let test = || {
         let field = field(&readings, &whiteners, &blocks, &gram, base);
@@ -671,7 +680,7 @@ fn analyse(
             patterns::patterns(&field, fit, &whiteners, &against),
         )
     };
-    let ((set, near, gain), (contrasts, patterns)) = rayon::join(find, test);
+    let ((set, near, gain, one_form), (contrasts, patterns)) = rayon::join(find, test);
     let lack_of_fit = match fit.noise.source {
         // measured against itself nothing is left over
         Source::Residual => 1.0,
@@ -691,6 +700,7 @@ fn analyse(
             .iter()
             .map(|&m| families[m].effect.clone())
             .collect(),
+        one_form,
         near,
         contrasts,
         patterns,
@@ -810,6 +820,35 @@ fn near(
         (effect(member), close.collect())
     };
     members.iter().map(of).collect()
+}
+
+/// Do the effects of a set beside the one that explains most look like it, and have so little signal that they may only
+/// repair its form? Less than would tell two effects for sure, and than its law may be wrong by.
+fn is_one_form(
+    families: &[Family],
+    scores: &[FamilyScore],
+    members: &[usize],
+    information: &Information,
+    against: &Against,
+) -> bool {
+    let evidence = |a: &&usize, b: &&usize| {
+        let (a, b) = (&scores[**a], &scores[**b]);
+        a.log_evidence.total_cmp(&b.log_evidence)
+    };
+    let Some(&main) = members.iter().max_by(evidence) else {
+        return false;
+    };
+    let limit = crate::plan::DECISIVE.min(INEXACT * scores[main].signal());
+    let with_main = information.given(&families[main].columns, power::STRETCH);
+    let only_repairs = |&&other: &&usize| {
+        let own = families[other].columns.clone();
+        let left: f64 = own.map(|k| with_main.matrix[(k, k)]).sum();
+        let beside = search::beside(families, members, other, information, against);
+        left <= (1.0 - KIN) * scores[other].expected
+            && families[other].score(&beside, against).signal() < limit
+    };
+    let mut others = members.iter().filter(|&&other| other != main);
+    members.len() > 1 && others.all(|other| only_repairs(&other))
 }
 
 /// The noise to test against: of repeats, of the file, or of what is left.

@@ -8,7 +8,7 @@ use crate::fit::pose_key;
 use std::collections::BTreeSet;
 
 /// Sizes up to which one effect may stand in for another, typical ones.
-const STRETCH: f64 = 3.2;
+pub(super) const STRETCH: f64 = 3.2;
 
 /// The design of the fitted readings, and what it can do.
 #[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize)]
