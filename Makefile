@@ -4,7 +4,7 @@
 
 MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose
-BLIND     = rich noise outliers form
+BLIND     = rich noise outliers form alias
 
 .PHONY: run test setup build format lint unit examples scenarios blind blind-all doc bench
 

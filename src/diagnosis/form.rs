@@ -46,32 +46,24 @@ impl Form {
         let at: Vec<f64> = free.iter().map(|&k| values[k]).collect();
         let functions = functions(without, effect.as_ref(), &readings);
         let mut blocks = problem.blocks(&at);
-        let mut row = 0;
-        let mut rows_of = whiteners.iter().map(|whitener| whitener.rows);
-        let mut reading = 0;
-        let mut left = rows_of.next().unwrap_or(0);
+        let rows = whiteners.iter().enumerate();
+        let mut of_row = rows.flat_map(|(reading, own)| std::iter::repeat_n(reading, own.rows));
         for block in &mut blocks {
             let mut next = DMatrix::zeros(block.nrows(), base + count * (1 + FUNCTIONS) + 1);
-            next.columns_mut(0, base + count)
-                .copy_from(&block.columns(0, base + count));
+            let known = base + count;
+            next.columns_mut(0, known)
+                .copy_from(&block.columns(0, known));
             next.set_column(next.ncols() - 1, &block.column(block.ncols() - 1));
-            for line in 0..block.nrows() {
-                while left == 0 {
-                    reading += 1;
-                    left = rows_of.next().unwrap_or(usize::MAX);
-                }
-                left -= 1;
+            for (row, reading) in (0..block.nrows()).zip(&mut of_row) {
                 for k in 0..count {
-                    let own = block[(line, base + k)];
+                    let own = block[(row, base + k)];
                     for (place, f) in functions[(reading, k)].into_iter().enumerate() {
-                        next[(line, base + count + k * FUNCTIONS + place)] = own * f;
+                        next[(row, known + k * FUNCTIONS + place)] = own * f;
                     }
                 }
-                row += 1;
             }
             *block = next;
         }
-        debug_assert_eq!(row, whiteners.iter().map(|w| w.rows).sum::<usize>());
         let gram = Gram::new(&blocks, base);
         let against = against(without, &gram);
         let information = gram.families(against.variance);
@@ -97,7 +89,9 @@ fn functions(
         .iter()
         .map(|parameter| {
             let name = parameter.name.as_str();
-            setup.robot.joint(name.split_once('.').map_or(name, |(joint, _)| joint))
+            setup
+                .robot
+                .joint(name.split_once('.').map_or(name, |(joint, _)| joint))
         })
         .collect();
     let mut workspace = Workspace::new(setup);

@@ -418,7 +418,11 @@ fn main(
 ) -> Option<(Arc<dyn AnyEffect>, Form)> {
     let rank = |effect: &Arc<dyn AnyEffect>| {
         let of = |candidate: &Candidate| candidate.effect == effect.id();
-        analysis.candidates.iter().position(of).unwrap_or(usize::MAX)
+        analysis
+            .candidates
+            .iter()
+            .position(of)
+            .unwrap_or(usize::MAX)
     };
     let effect = analysis.set.iter().min_by_key(|effect| rank(effect))?;
     Some((effect.clone(), Form::of(campaign, base, effect)))
@@ -556,7 +560,12 @@ fn analyse(
     let base = fit.free.len();
     let forms: Vec<f64> = families
         .iter()
-        .map(|own| families.iter().filter(|other| own.is_form_of(other)).count() as f64)
+        .map(|own| {
+            families
+                .iter()
+                .filter(|other| own.is_form_of(other))
+                .count() as f64
+        })
         .collect();
     let count = |families: &mut [Family]| {
         for (family, forms) in families.iter_mut().zip(&forms) {
