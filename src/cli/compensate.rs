@@ -83,10 +83,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let robot_joints = &campaign.robot.joints;
     let mut held = Vec::new();
     for word in arguments.hold.iter().flat_map(|list| list.split(',')) {
-        let known = || robot_joints.iter().map(|j| j.name.as_str()).collect::<Vec<_>>();
-        let joint = robot_joints.iter().position(|joint| joint.name == word.trim());
+        let known = || {
+            robot_joints
+                .iter()
+                .map(|j| j.name.as_str())
+                .collect::<Vec<_>>()
+        };
+        let joint = robot_joints
+            .iter()
+            .position(|joint| joint.name == word.trim());
         held.push(joint.ok_or_else(|| {
-            usage(format!("--hold {word}: no such joint; accepted: {}", known().join(", ")))
+            usage(format!(
+                "--hold {word}: no such joint; accepted: {}",
+                known().join(", ")
+            ))
         })?);
     }
     let mut space = Space::within_limits(&campaign.robot, 0.0);
@@ -104,8 +114,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let tracker_from_base = base_from_tracker(&model, &found.values).inverse();
         for task in &mut tasks {
             let turn = task.orientation.unwrap_or_else(UnitQuaternion::identity);
-            let pose = tracker_from_base
-                * Isometry3::from_parts(Translation3::from(task.position), turn);
+            let pose =
+                tracker_from_base * Isometry3::from_parts(Translation3::from(task.position), turn);
             task.position = pose.translation.vector;
             task.orientation = task.orientation.map(|_| pose.rotation);
         }
@@ -116,7 +126,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         .enumerate()
         .map(|(index, task)| {
             let mut workspace = Workspace::new(&model.setup);
-            let chain = model.setup.robot.chain(model.setup.target_body(task.target));
+            let chain = model
+                .setup
+                .robot
+                .chain(model.setup.target_body(task.target));
             let moving = chain.into_iter().filter(|joint| {
                 !held.contains(joint) && space.ranges[*joint].0 < space.ranges[*joint].1
             });
@@ -135,7 +148,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let mut written = None;
     if let Some(path) = &arguments.output {
         // only what arrives: a robot must not be sent anywhere else
-        let readings = tasks.iter().zip(&corrected).filter(|(_, c)| c.command.end == End::Reached);
+        let readings = tasks
+            .iter()
+            .zip(&corrected)
+            .filter(|(_, c)| c.command.end == End::Reached);
         let mut commands = campaign.clone();
         commands.readings = readings
             .map(|(task, c)| Reading {
@@ -163,7 +179,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             found.readings.0,
             report::format::length(found.fit.position_rms_m)
         );
-        let text = report::compensate::text(&campaign, &tasks, &corrected, &ground, written.as_deref());
+        let text =
+            report::compensate::text(&campaign, &tasks, &corrected, &ground, written.as_deref());
         print(&text)?;
     }
     let all = corrected.iter().all(|c| c.command.end == End::Reached);

@@ -211,10 +211,7 @@ fn study(scenario: &Scenario, campaigns: usize) -> anyhow::Result<(RunDocument, 
 }
 
 /// Corrected commands, visited in MuJoCo.
-fn corrections(
-    scenario: &Scenario,
-    wanted: &Compensate,
-) -> anyhow::Result<(RunDocument, String)> {
+fn corrections(scenario: &Scenario, wanted: &Compensate) -> anyhow::Result<(RunDocument, String)> {
     let bar = progress::bar(wanted.campaigns as u64, "campaigns");
     let found = compensated::compensate(scenario, wanted, || bar.inc(1))?;
     bar.finish_and_clear();

@@ -13,6 +13,8 @@ use nalgebra::{DMatrix, DVector, Vector6};
 
 /// Reached when nearer than this, m and rad: a hundredth of a nanometre is nothing to any robot.
 const REACHED: f64 = 1e-11;
+/// At the pose, steps along motions that do not leave it go on until they are smaller than this, rad (m).
+const IDLE: f64 = 1e-6;
 /// Counts as reached: rounding may keep a long arm from the last digits, m and rad.
 const ARRIVED: f64 = 1e-9;
 /// No further than this in a step, rad (m): beyond it the Jacobian is another.
@@ -98,7 +100,7 @@ pub fn solve(
     let mut reading = task.clone();
     reading.joints = clamped(start);
     let mut best: Option<Found> = None;
-    let (mut damping, mut waited) = (DAMPING, 0);
+    let (mut damping, mut waited, mut moved) = (DAMPING, 0, f64::INFINITY);
     let mut jacobian = DMatrix::zeros(rows, reach.moving.len());
     for _ in 0..ITERATIONS {
         let prediction = workspace.predict(model, p, &reading);
@@ -108,7 +110,7 @@ pub fn solve(
         };
         let size = left.norm();
         let least = best.as_ref().map_or(f64::INFINITY, |b| b.left.norm());
-        if size < least {
+        if size < least || size <= REACHED {
             waited = if size < 0.9 * least { 0 } else { waited + 1 };
             damping = DAMPING.max(damping * 0.01);
             for (column, &joint) in reach.moving.iter().enumerate() {
@@ -132,11 +134,12 @@ pub fn solve(
                 end: End::Collapsed,
             };
         };
-        if size <= REACHED || waited > PATIENCE {
+        if (size <= REACHED && moved <= IDLE) || waited > PATIENCE {
             break;
         }
         let wanted = best.left.rows(0, rows).into_owned();
         let step = step(&jacobian, &wanted, &best.joints, reference, reach, damping);
+        moved = step.amax();
         reading.joints.clone_from(&best.joints);
         for (&joint, step) in reach.moving.iter().zip(step.iter()) {
             reading.joints[joint] += step;

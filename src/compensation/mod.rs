@@ -148,13 +148,7 @@ fn certainty(
         }
     }
     let mut jacobian = Rows::zeros(count);
-    workspace.sensitivity(
-        robot.model,
-        &robot.values,
-        &wanted,
-        reading,
-        &mut jacobian,
-    );
+    workspace.sensitivity(robot.model, &robot.values, &wanted, reading, &mut jacobian);
     let of_free = jacobian.select_columns(&fit.free);
     let pose = of_free.rows(0, 6);
     let covariance = pose * &fit.covariance * pose.transpose();

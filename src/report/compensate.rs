@@ -72,10 +72,12 @@ pub fn document(campaign: &Campaign, tasks: &[Reading], corrected: &[Corrected])
             .collect(),
         before: miss(&c.before),
         after: miss(&c.command.left),
-        std: c.deviation().map(|(position_m, orientation_rad)| MissDocument {
-            position_m,
-            orientation_rad,
-        }),
+        std: c
+            .deviation()
+            .map(|(position_m, orientation_rad)| MissDocument {
+                position_m,
+                orientation_rad,
+            }),
         overloaded: c
             .overloaded
             .iter()
@@ -134,7 +136,9 @@ pub fn text(
         let (before, left) = (miss(&c.before), miss(&c.command.left));
         let deviation = c.deviation();
         rows.add_row(vec![
-            task.pose.clone().unwrap_or_else(|| format!("line {}", task.line)),
+            task.pose
+                .clone()
+                .unwrap_or_else(|| format!("line {}", task.line)),
             campaign.targets[task.target].name.clone(),
             length(before.position_m),
             length(left.position_m),
@@ -174,8 +178,12 @@ pub fn text(
                     joints.join(", ")
                 ));
             }
-            End::OutOfReach => say(format!("far      {label}: out of reach, or the arm is singular there")),
-            End::Collapsed => say(format!("load     {label}: the arm does not hold this load in the model")),
+            End::OutOfReach => say(format!(
+                "far      {label}: out of reach, or the arm is singular there"
+            )),
+            End::Collapsed => say(format!(
+                "load     {label}: the arm does not hold this load in the model"
+            )),
             End::Reached => {}
         }
         for &(joint, torque, rating) in &c.overloaded {
@@ -188,9 +196,14 @@ pub fn text(
         }
         if c.is_uncertain() {
             let most = c.unseen.as_ref().map_or_else(String::new, |(what, moved)| {
-                format!("; the campaign never saw {what}, a typical one moves this pose by {}", length(*moved))
+                format!(
+                    "; the campaign never saw {what}, a typical one moves this pose by {}",
+                    length(*moved)
+                )
             });
-            say(format!("unsure   {label}: what is left is as uncertain as what is corrected{most}"));
+            say(format!(
+                "unsure   {label}: what is left is as uncertain as what is corrected{most}"
+            ));
         }
     }
     match written {

@@ -103,14 +103,19 @@ pub fn corrections(scenario: &Scenario, wanted: &Compensate, all: &[Corrections]
     let mut out = format!(
         "{} × {} · {} kg · rms errors of the poses that MuJoCo reaches\n\n",
         count(wanted.campaigns, "campaign"),
-        count(
-            wanted.poses * scenario.setup.targets.len(),
-            "pose"
-        ),
+        count(wanted.poses * scenario.setup.targets.len(), "pose"),
         number(load),
     );
     let header = [
-        "corrected by", "before", "after", "falls by", "at most", "turned", "after", "at most", "in 95 %",
+        "corrected by",
+        "before",
+        "after",
+        "falls by",
+        "at most",
+        "turned",
+        "after",
+        "at most",
+        "in 95 %",
     ];
     let mut rows = table(&header, &[1, 2, 3, 4, 5, 6, 7, 8]);
     for corrections in all {
@@ -143,7 +148,16 @@ pub fn corrections(scenario: &Scenario, wanted: &Compensate, all: &[Corrections]
     if wanted.list
         && let Some(last) = all.last()
     {
-        let header = ["pose", "target", "before", "after", "±1 σ", "orientation before", "after", "±1 σ"];
+        let header = [
+            "pose",
+            "target",
+            "before",
+            "after",
+            "±1 σ",
+            "orientation before",
+            "after",
+            "±1 σ",
+        ];
         let mut rows = table(&header, &[2, 3, 4, 5, 6, 7]);
         for (index, arrival) in last.arrivals.iter().enumerate() {
             let predicted = arrival.predicted;
