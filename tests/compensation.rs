@@ -140,7 +140,10 @@ fn corrected_commands_arrive_in_mujoco() {
 fn of_all_commands_the_nearest_is_taken() {
     let setup = sda5f();
     let mut random = random(3);
-    let twins = Twins::new(&setup, &[springs(&setup, &STRAIN_WAVE)]);
+    let twins = Twins::new(
+        &setup,
+        &[about_typical(&setup, "geometry", 1.0, &mut random)],
+    );
     let (model, p) = (&twins.model, &twins.p);
     let mut workspace = Workspace::new(&setup);
     let reach = reach(&setup, 0);
@@ -185,9 +188,9 @@ fn of_all_commands_the_nearest_is_taken() {
         let back = nalgebra::DVector::from_vec(back);
         let along = jacobian.clone().pseudo_inverse(1e-9).unwrap() * &jacobian;
         let idle = &back - along * &back;
-        // the search ends with the pose, its last step along the idle motion a small share of the first
+        // differences of 1e-6; with springs, whose answer the search's Jacobian lacks, it is a thousandth
         assert!(
-            idle.norm() < 1e-3 * back.norm(),
+            idle.norm() < 1e-5 * back.norm(),
             "{} of {}",
             idle.norm(),
             back.norm()
