@@ -629,6 +629,12 @@ impl Workspace {
         prediction
     }
 
+    /// Motion of the target under a unit of a joint's angle in the posture last predicted, the deflections left as they
+    /// are: `[v; ω]` in the tracker's frame, of the target's origin.
+    pub fn joint_twist(&self, model: &Model, reading: &Reading, joint: usize) -> Vector6<f64> {
+        self.direct_row(model, reading, Kind::Joint(joint))
+    }
+
     /// Sets up how the target answers elastic deviations: `response = Y_e (1 - G)⁻¹`, 6 × elastic.
     fn prepare_response(&mut self, model: &Model, p: &[f64], reading: &Reading) {
         self.slot_rows.fill(None);

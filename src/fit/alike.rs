@@ -86,6 +86,11 @@ fn key(reading: &Reading, clock: bool) -> (usize, [Option<u64>; 2], Vec<u64>) {
             parts.copied().collect()
         }
     });
+    let process = reading.process.iter();
+    let process: Vec<f64> = process
+        .flat_map(|w| w.force.iter().chain(w.torque.iter()).copied())
+        .collect();
+    add(&process);
     let clock = if clock {
         for &(link, temperature) in &reading.link_temperatures {
             all.extend([link as u64, temperature.to_bits()]);
