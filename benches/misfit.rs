@@ -1,13 +1,17 @@
 //! Speeds: `cargo bench`.
 //!
 //! fit_300x25: 300 readings of the UR10 geometry sized as FIGAROH's problem; fit_12000x45: 12,000 readings and the
-//! default model; statics: MuJoCo static readings of the 15-joint SDA5F.
+//! default model; statics: MuJoCo static readings of the 15-joint SDA5F; diagnose: all families on 240 readings with a
+//! hidden effect and without; ladder: the 600 fitted readings of UR10 series C, left out unless
+//! ../shared/data/ur10_tracker/series_C.toml is there.
 
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use misfit::campaign::{Campaign, Split};
+use misfit::diagnosis::diagnose;
 use misfit::fit::{Options, fit};
+use misfit::ladder;
 use misfit::model::{Model, Rows, Workspace};
 use misfit::model_file;
 use misfit::plan::{Aim, Task, precise, separate};
@@ -163,5 +167,45 @@ fn plans(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, fits, model, statics, recording, plans);
+/// What is missing in the README's campaign, and in the same without its hidden effect.
+fn diagnoses(c: &mut Criterion) {
+    let scenario = Scenario::load(Path::new("scenarios/hidden.toml")).unwrap();
+    let mut plain = scenario.clone();
+    plain
+        .truth
+        .retain(|truth| truth.effect.id() != "transmission_error");
+    let mut group = c.benchmark_group("diagnose, all families, default model");
+    group.sample_size(10);
+    for (name, scenario) in [("a hidden effect", scenario), ("nothing hidden", plain)] {
+        let campaign = simulate::simulate(&scenario, || {}).unwrap();
+        let model = model_file::model(&campaign, None, None).unwrap();
+        let readings = campaign.readings.len();
+        group.bench_function(BenchmarkId::new(name, readings), |b| {
+            b.iter(|| diagnose(&campaign, &model, &[], &OPTIONS, |_| {}).unwrap());
+        });
+    }
+    group.finish();
+}
+
+/// A real robot, from its frames to the waves of its gears.
+fn ladders(c: &mut Criterion) {
+    let path = Path::new("../shared/data/ur10_tracker/series_C.toml");
+    if !path.exists() {
+        eprintln!("ladder: needs the UR10 tracker data at {}", path.display());
+        return;
+    }
+    let campaign = Campaign::load(path).unwrap();
+    let fitted = campaign.readings.iter().filter(|r| r.split == Split::Fit);
+    let readings = fitted.count();
+    let mut group = c.benchmark_group("ladder");
+    group.sample_size(10);
+    group.bench_function(BenchmarkId::new("UR10 series C", readings), |b| {
+        b.iter(|| ladder::climb(&campaign, None, &[], None, &OPTIONS, |_| {}).unwrap());
+    });
+    group.finish();
+}
+
+criterion_group!(
+    benches, fits, model, statics, recording, plans, diagnoses, ladders
+);
 criterion_main!(benches);

@@ -236,6 +236,7 @@ fn left_out(
     options: &Options,
     on_step: &mut impl FnMut(&str),
 ) -> Result<Vec<LeftOut>, FitError> {
+    let campaign = &last.screened(campaign);
     let mut rows = Vec::new();
     for effect in &last.named {
         let Some(term) = last.fit.model.term(effect) else {

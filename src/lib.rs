@@ -3,6 +3,7 @@
 
 pub mod campaign;
 pub mod cli;
+pub mod compensation;
 pub mod diagnosis;
 pub mod dual_quaternion;
 pub mod effects;

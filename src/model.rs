@@ -173,6 +173,9 @@ pub struct Workspace {
     dual_wrenches: Vec<Vector6<Dual>>,
     dual_deviations: Vec<Dual>,
     frames: Frames,
+    /// base_from_target of the posture last predicted, and the origin of the target's link.
+    target: DualQuaternion<f64>,
+    origin: Vector3<f64>,
     sensed: Vector6<f64>,
     elastic: Vec<Elastic>,
     entries: Vec<Entry>,
@@ -195,8 +198,8 @@ struct Elastic {
     slot: usize,
     /// Node of the wrench.
     node: usize,
-    /// By local wrench component.
-    compliance: Vector6<f64>,
+    /// By the wrench's components in the base frame: of the force, and of the moment.
+    world: (Vector3<f64>, Vector3<f64>),
 }
 
 /// A parameter's push on one deviation.
@@ -233,6 +236,8 @@ impl Workspace {
                 base_from_tracker: DualQuaternion::identity(),
                 link_from_target: DualQuaternion::identity(),
             },
+            target: DualQuaternion::identity(),
+            origin: Vector3::zeros(),
             sensed: Vector6::zeros(),
             elastic: Vec::new(),
             entries: Vec::new(),
@@ -272,13 +277,15 @@ impl Workspace {
             link_from_target: posture.link_from_target,
         };
         let settled = self.settle(model, p, reading);
+        let link = self.link(model, reading);
+        self.origin = link.translation();
+        self.target = link * self.frames.link_from_target;
         let wrench = if measured {
             self.sense(model, p, reading)
         } else {
             Vector6::zeros()
         };
-        let target = self.target(model, reading);
-        let seen = self.frames.base_from_tracker.conjugate() * target;
+        let seen = self.frames.base_from_tracker.conjugate() * self.target;
         let scale = 1.0 + self.deviations[self.slots.tracker_scale];
         let position = seen.translation() * scale;
         Prediction {
@@ -362,8 +369,7 @@ impl Workspace {
 
     /// What the wrist sensor reads of the known load: the truth, then the sensor's effects on it.
     fn sense(&mut self, model: &Model, p: &[f64], reading: &Reading) -> Vector6<f64> {
-        let origin = self.link(model, reading).translation();
-        self.sensed = self.statics.payload_wrench(&origin);
+        self.sensed = self.statics.payload_wrench(&self.origin);
         let mut posture = Posture {
             setup: &model.setup,
             reading,
@@ -386,11 +392,6 @@ impl Workspace {
     fn link(&self, model: &Model, reading: &Reading) -> DualQuaternion<f64> {
         let link = &model.setup.robot.links[model.setup.targets[reading.target].link];
         self.statics.body[link.body] * DualQuaternion::from_isometry(&link.body_from_link)
-    }
-
-    /// base_from_target of the posture last composed.
-    fn target(&self, model: &Model, reading: &Reading) -> DualQuaternion<f64> {
-        self.link(model, reading) * self.frames.link_from_target
     }
 
     /// Solves the loaded equilibrium into `deviations`.
@@ -494,7 +495,7 @@ impl Workspace {
         let n = self.elastic.len();
         let mut matrix = DMatrix::identity(n, n);
         for (column, e) in self.elastic.iter().enumerate() {
-            for (row, value) in self.answers(model, e.kind).into_iter().enumerate() {
+            for (row, value) in self.answers(model, e.kind).enumerate() {
                 matrix[(row, column)] -= value;
             }
         }
@@ -502,19 +503,16 @@ impl Workspace {
     }
 
     /// By elastic deviation: its law's answer to a unit of another deviation.
-    fn answers(&self, model: &Model, kind: Kind) -> Vec<f64> {
+    fn answers(&self, model: &Model, kind: Kind) -> impl Iterator<Item = f64> {
         let screw = self.statics.screw(&model.setup, kind, &self.deviations);
         let moved = Statics::node_of(kind);
-        let answer = |e: &Elastic| {
-            let node = e.node;
-            let (force, torque) = self.statics.world_row(node, &e.compliance);
-            let row = (&force, &torque);
+        self.elastic.iter().map(move |e| {
+            let row = (&e.world.0, &e.world.1);
             match &screw {
-                Some(screw) => self.statics.wrench_rate(row, node, moved, screw),
-                None => self.statics.load_rate(&model.setup, row, node, kind),
+                Some(screw) => self.statics.wrench_rate(row, e.node, moved, screw),
+                None => self.statics.load_rate(&model.setup, row, e.node, kind),
             }
-        };
-        self.elastic.iter().map(answer).collect()
+        })
     }
 
     /// Finds the deviations that depend on wrenches, and how: dual numbers along each wrench component, of all
@@ -574,11 +572,12 @@ impl Workspace {
                 let compliance = rates.fixed_rows::<6>(0).into_owned();
                 if compliance != Vector6::zeros() {
                     let kind = self.slots.kind(slot);
+                    let node = only.unwrap_or(Statics::node_of(kind).0);
                     self.elastic.push(Elastic {
                         kind,
                         slot,
-                        node: only.unwrap_or(Statics::node_of(kind).0),
-                        compliance,
+                        node,
+                        world: self.statics.world_row(node, &compliance),
                     });
                 }
             }
@@ -628,6 +627,12 @@ impl Workspace {
             jacobian.set_column(joint, &row);
         }
         prediction
+    }
+
+    /// Motion of the target under a unit of a joint's angle in the posture last predicted, the deflections left as they
+    /// are: `[v; ω]` in the tracker's frame, of the target's origin.
+    pub fn joint_twist(&self, model: &Model, reading: &Reading, joint: usize) -> Vector6<f64> {
+        self.direct_row(model, reading, Kind::Joint(joint))
     }
 
     /// Sets up how the target answers elastic deviations: `response = Y_e (1 - G)⁻¹`, 6 × elastic.
@@ -700,7 +705,7 @@ impl Workspace {
     /// Motion of the target as the tracker sees it under a unit of a deviation, the loads left where they are.
     fn direct_row(&self, model: &Model, reading: &Reading, kind: Kind) -> Vector6<f64> {
         if kind == Kind::TrackerScale {
-            let seen = self.frames.base_from_tracker.conjugate() * self.target(model, reading);
+            let seen = self.frames.base_from_tracker.conjugate() * self.target;
             return stacked(&seen.translation(), &Vector3::zeros());
         }
         let Some(screw) = self.statics.screw(&model.setup, kind, &self.deviations) else {
@@ -711,12 +716,12 @@ impl Workspace {
         if !self.statics.carries(node, body) {
             return Vector6::zeros();
         }
-        self.seen(model, reading, &screw)
+        self.seen(&screw)
     }
 
     /// Motion of the target under a screw in the base frame, in the tracker's frame.
-    fn seen(&self, model: &Model, reading: &Reading, screw: &Screw) -> Vector6<f64> {
-        let point = self.target(model, reading).translation();
+    fn seen(&self, screw: &Screw) -> Vector6<f64> {
+        let point = self.target.translation();
         let back = self.frames.base_from_tracker.conjugate();
         let scale = 1.0 + self.deviations[self.slots.tracker_scale];
         stacked(
@@ -732,18 +737,19 @@ impl Workspace {
         }
         let kind = self.slots.kind(slot);
         let mut pose = self.direct_row(model, reading, kind);
-        for (column, answer) in self.answers(model, kind).into_iter().enumerate() {
-            pose += self.response.column(column) * answer;
+        for (column, answer) in self.answers(model, kind).enumerate() {
+            if answer != 0.0 {
+                pose += self.response.fixed_view::<6, 1>(0, column) * answer;
+            }
         }
         let mut row = Row::zeros();
         row.fixed_rows_mut::<6>(0).copy_from(&pose);
         if wrench_is_measured(reading) {
             let turn = pose.fixed_rows::<3>(3).into_owned();
             let turn = self.frames.base_from_tracker.transform_vector(&turn);
-            let origin = self.link(model, reading).translation();
             let wrench = match kind {
                 Kind::Sensed(k) => Vector6::ith(k, 1.0),
-                _ => self.sensor * self.statics.payload_wrench_rate(&origin, &turn, kind),
+                _ => self.sensor * self.statics.payload_wrench_rate(&self.origin, &turn, kind),
             };
             row.fixed_rows_mut::<6>(6).copy_from(&wrench);
         }
@@ -822,7 +828,7 @@ impl Workspace {
                         linear: by_target.linear - by_tracker.linear,
                         angular: by_target.angular - by_tracker.angular,
                     };
-                    let pose = self.seen(model, reading, &net);
+                    let pose = self.seen(&net);
                     let mut column = jacobian.column_mut(term.first + k);
                     column.rows_mut(0, 6).copy_from(&pose);
                 }

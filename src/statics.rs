@@ -37,7 +37,7 @@ impl Load {
             body_from_link: link.body_from_link,
             payload: reading.payload.map(|payload| (payload.mass, payload.com)),
             follower: match reading.payload {
-                Some(_) => None,
+                Some(_) => reading.process,
                 None => reading.wrench,
             },
         }

@@ -5,6 +5,7 @@
 mod campaign;
 mod cli;
 mod common;
+mod compensation;
 mod diagnosis;
 mod dual_quaternion;
 mod effects;

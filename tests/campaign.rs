@@ -736,6 +736,7 @@ fn reading(robot: &Robot, targets: usize) -> impl Strategy<Value = Reading> + us
             orientation: pose.1,
             wrench: wrench.map(|(force, torque)| Wrench { force, torque }),
             payload: payload.map(|(mass, com)| Payload { mass, com }),
+            process: None,
         },
     )
 }

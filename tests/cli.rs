@@ -1211,6 +1211,119 @@ fn laws_of_a_users_own_are_simulated_fitted_and_diagnosed() {
 }
 
 #[test]
+fn a_law_of_a_users_own_is_tried_beside_the_catalogue() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let law = |table: &str, values: &str| {
+        format!(
+            "[[{table}]]\nkind = \"expression\"\nname = \"cable_pull\"\nacts_on = \"q3\"\n\
+             law = \"a*sin(q3)*cos(q2)\"\n{values}\
+             parameters = {{ a = {{ unit = \"rad\", typical = 1e-4 }} }}\n"
+        )
+    };
+    let design = "poses = 20\nrepeats = 2\n\
+                  loads = [{ mass_kg = 0.0 }, { mass_kg = 40.0, com_m = [0.1, 0.0, 0.1] }]";
+    let truth = format!("{TRUTH}{}", law("truth", "values = { a = 3e-4 }\n"));
+    write(at, "s.toml", &scenario("", design, &truth));
+    write(at, "laws.toml", &law("effect", ""));
+    done(at, &["simulate", "s.toml"]);
+    let quick = "--no-cross-validation";
+    // the catalogue does not hold it
+    let without = json(at, &["diagnose", "s.mcap", quick, "--json"]);
+    assert_eq!(without["verdict"], "unknown");
+    let tried = ["--candidates", "laws.toml"];
+    let words = [&["diagnose", "s.mcap", quick][..], &tried].concat();
+    let with = json(at, &[&words[..], &["--json"]].concat());
+    assert_eq!(with["verdict"], "named");
+    assert_eq!(with["effects"], serde_json::json!(["cable_pull"]));
+    let ids = |document: &Value| -> Vec<String> {
+        let rows = document["candidates"].as_array().unwrap().iter();
+        rows.map(|row| row["effect"].as_str().unwrap().to_owned())
+            .collect()
+    };
+    assert_eq!(ids(&with)[0], "cable_pull");
+    assert_eq!(ids(&with).len(), ids(&without).len() + 1);
+    // no list of effects can name it: the next command makes the file that can
+    let text = done(at, &words);
+    let make = "misfit diagnose s.mcap --candidates laws.toml -o model.toml";
+    let next = format!("next     {make}\n         misfit ladder s.mcap --candidates laws.toml\n");
+    assert!(text.ends_with(&next), "{text}");
+    let make: Vec<&str> = make.split_whitespace().skip(1).chain([quick]).collect();
+    done(at, &make);
+    let words = ["fit", "s.mcap", quick, "--model", "model.toml", "--json"];
+    let fit = json(at, &words);
+    let row = parameter(&fit, "cable_pull", "a");
+    let (value, std) = (row["value"].as_f64().unwrap(), row["std"].as_f64().unwrap());
+    // 5 σ: one in two million by chance
+    assert!((value - 3e-4).abs() < 5.0 * std && std < 3e-5, "{row}");
+
+    let words = [&["ladder", "s.mcap", quick][..], &tried].concat();
+    let ladder = json(at, &[&words[..], &["--json"]].concat());
+    let rungs = ladder["rungs"].as_array().unwrap();
+    assert_eq!(rungs[rungs.len() - 1]["added"], "cable_pull");
+    let text = done(at, &words);
+    let next = "next     misfit ladder s.mcap --candidates laws.toml -o model.toml\n";
+    assert!(text.ends_with(next), "{text}");
+
+    let spoilt: [(&str, &[&str]); 4] = [
+        ("[[effect]]\nkind = \"hose\"\n", &["\"hose\"", "geometry"]),
+        (
+            "[[effect]]\nkind = \"expression\"\n",
+            &["expression", "name"],
+        ),
+        ("[[effects]]\n", &["`effects`", "`effect`"]),
+        ("law", &["line 1"]),
+    ];
+    for command in ["diagnose", "ladder"] {
+        for (text, parts) in &spoilt {
+            write(at, "bad.toml", text);
+            let parts = [&["bad.toml"], *parts].concat();
+            let given = ["-o", "out.toml", "--candidates", "bad.toml"];
+            refused(at, &[&[command, "s.mcap"][..], &given].concat(), &parts);
+        }
+        write(at, "bad.toml", &law("effect", "").repeat(2));
+        let given = [command, "s.mcap", "--candidates", "bad.toml"];
+        refused(at, &given, &["bad.toml", "cable_pull"]);
+        let given = [command, "s.mcap", "--candidates", "gone.toml"];
+        refused(at, &given, &["gone.toml", "No such file"]);
+    }
+    assert!(!at.join("out.toml").exists(), "nothing is written");
+}
+
+#[test]
+fn a_model_that_collapses_is_not_diagnosed() {
+    let folder = copy();
+    let at = folder.path();
+    // ten milliradian a newton metre: the arm falls over
+    let soft = "[[effect]]\nkind = \"joint_compliance\"\n[effect.values]\na2 = 1e-2\na3 = 1e-2\n";
+    write(at, "soft.toml", soft);
+    let before = files(at);
+    let words = ["diagnose", "campaign.toml", "--model", "soft.toml"];
+    // the posture of line 2 carries itself even so, line 3 is not fitted
+    let parts = ["campaign.toml: line 4", "no loaded equilibrium"];
+    refused(at, &[&words[..], &["-o", "m.toml"]].concat(), &parts);
+    refused(at, &[&words[..], &["--json"]].concat(), &parts);
+    // a payload beyond all numbers, in the second reading of the table
+    let table = fs::read_to_string(at.join("readings.csv")).unwrap();
+    let header: Vec<&str> = table.lines().next().unwrap().split(',').collect();
+    let column = header.iter().position(|word| *word == "payload_kg");
+    let rows = table.lines().enumerate().map(|(index, line)| {
+        let mut cells: Vec<&str> = line.split(',').collect();
+        if index == 2 {
+            cells[column.unwrap()] = "1e308";
+        }
+        cells.join(",")
+    });
+    let table = rows.collect::<Vec<_>>().join("\n");
+    write(at, "readings.csv", &table);
+    for command in ["diagnose", "ladder"] {
+        let words = [command, "campaign.toml", "-o", "m.toml"];
+        refused(at, &words, &["campaign.toml: line 3", "joint_compliance"]);
+    }
+    assert_eq!(files(at), before, "nothing is written");
+}
+
+#[test]
 fn laws_that_are_refused() {
     let folder = TempDir::new().unwrap();
     let at = folder.path();
@@ -1517,6 +1630,123 @@ fn scenarios_that_are_refused() {
         &scenario("effects = [\"nothing\"]", "poses = 3", ""),
     );
     refused(at, &["run", "s.toml"], &["\"nothing\"", "geometry"]);
+}
+
+#[test]
+fn scenarios_like_others_that_are_refused() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    write(at, "base.toml", &scenario("", "poses = 3", ""));
+    write(at, "broken.toml", "seed = \n");
+    write(at, "second.toml", "like = \"base.toml\"\n");
+    fs::create_dir(at.join("deep")).unwrap();
+    let before = files(at);
+    let cases: [(&str, &[&str]); 9] = [
+        ("like = \"gone.toml\"", &["gone.toml", "No such file"]),
+        ("like = \"s.toml\"", &["s.toml", "like another one itself"]),
+        (
+            "like = \"second.toml\"",
+            &["s.toml", "second.toml", "like another one itself"],
+        ),
+        (
+            "like = \"deep/base.toml\"",
+            &["deep/base.toml", "same folder"],
+        ),
+        ("like = \"\"", &["same folder"]),
+        ("like = 3", &["like is 3", "same folder"]),
+        ("like = \"broken.toml\"", &["broken.toml"]),
+        (
+            "like = \"base.toml\"\ntypo = 1",
+            &["s.toml", "`typo`", "`design`"],
+        ),
+        (
+            "like = \"base.toml\"\n[design]\ntypo = 1",
+            &["s.toml", "`typo`", "`poses`"],
+        ),
+    ];
+    for (text, parts) in cases {
+        write(at, "s.toml", text);
+        for command in ["simulate", "run", "sweep", "plan"] {
+            refused(at, &[command, "s.toml"], parts);
+        }
+        fs::remove_file(at.join("s.toml")).unwrap();
+        assert_eq!(files(at), before, "nothing is written");
+    }
+    // what it says itself stands, what it does not is the other's
+    let own = "like = \"base.toml\"\n[design]\nrepeats = 2\n";
+    write(at, "s.toml", own);
+    done(at, &["simulate", "s.toml", "--csv", "s"]);
+    let table = fs::read_to_string(at.join("s").join("readings.csv")).unwrap();
+    assert_eq!(table.lines().count(), 1 + 3 * 2);
+}
+
+#[test]
+fn sweeps_that_are_refused() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let design = "poses = 14\ndirections = 2";
+    let blind = |table: &str| scenario("", design, &format!("{TRUTH}[blind]\n{table}\n"));
+    write(at, "s.toml", &scenario("", design, TRUTH));
+    write(at, "b.toml", &blind("one = 2\nfamilies = [\"backlash\"]"));
+    write(at, "file", "mine");
+    // usage
+    let wrong: [(&[&str], &str); 8] = [
+        (&["--shard", "0/3", "-o", "out"], "K/N"),
+        (&["--shard", "4/3", "-o", "out"], "K/N"),
+        (&["--shard", "1", "-o", "out"], "K/N"),
+        (&["--shard", "a/b", "-o", "out"], "K/N"),
+        (&["--shard", "1/2"], "--output"),
+        (&["--cases", "0"], "--cases"),
+        (&["--cases", "some"], "--cases"),
+        (&["--seed=-1"], "--seed"),
+    ];
+    for (words, part) in wrong {
+        let ran = run(at, &[&["sweep", "b.toml"], words].concat());
+        assert_eq!(ran.code, Some(2), "{words:?}: {}{}", ran.out, ran.err);
+        assert_eq!(ran.out, "", "{words:?}");
+        assert!(ran.err.contains(part), "{words:?}: {}", ran.err);
+    }
+    assert_eq!(run(at, &["sweep"]).code, Some(2));
+    // scenarios that are no sweeps
+    refused(
+        at,
+        &["sweep", "s.toml"],
+        &["s.toml", "[blind]", "misfit run"],
+    );
+    refused(at, &["sweep", "gone.toml"], &["gone.toml", "No such file"]);
+    let tables: [(&str, &[&str]); 7] = [
+        ("one = 2\nfamilies = [\"hose\"]", &["\"hose\"", "backlash"]),
+        (
+            "one = 2\nfamilies = [\"geometry\"]",
+            &["\"geometry\"", "backlash"],
+        ),
+        ("two = 2\none = 0\nfamilies = [\"backlash\"]", &["too few"]),
+        ("one = 0", &["accepted: 1 to 1000000"]),
+        ("one = 2\nlambda = [10.0, 3.0]", &["lambda", "larger last"]),
+        ("one = 2\noutliers = 0.9", &["outliers", "0 to 0.5"]),
+        ("one = 2\nkind = 3", &["`kind`", "`families`"]),
+    ];
+    for (table, parts) in tables {
+        write(at, "t.toml", &blind(table));
+        refused(at, &["sweep", "t.toml"], &[&["t.toml"], parts].concat());
+    }
+    fs::remove_file(at.join("t.toml")).unwrap();
+    // places that cannot be written
+    let before = files(at);
+    for place in ["file", "file/deep"] {
+        refused(at, &["sweep", "b.toml", "-o", place], &[place]);
+    }
+    assert_eq!(files(at), before);
+    assert_eq!(fs::read_to_string(at.join("file")).unwrap(), "mine");
+    // the folder of another sweep is left alone
+    fs::create_dir(at.join("out")).unwrap();
+    write(&at.join("out"), "sweep.toml", "another");
+    refused(
+        at,
+        &["sweep", "b.toml", "--shard", "2/2", "-o", "out"],
+        &["sweep.toml", "another sweep", "b.toml", "empty folder"],
+    );
+    assert_eq!(files(&at.join("out")), ["sweep.toml".to_owned()].into());
 }
 
 #[test]

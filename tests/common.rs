@@ -176,6 +176,7 @@ pub fn reading(target: usize, joints: Vec<f64>) -> Reading {
         orientation: None,
         wrench: None,
         payload: None,
+        process: None,
     }
 }
 

@@ -1,7 +1,7 @@
 //! The diagnosis on campaigns with a hidden effect, simulated in MuJoCo: named, told apart, or nothing said.
 
 use misfit::campaign::Campaign;
-use misfit::diagnosis::{Diagnosis, Verdict, diagnose};
+use misfit::diagnosis::{Diagnosis, POSES, Verdict, diagnose, next_poses};
 use misfit::fit::Options;
 use misfit::ladder::{self, Ladder, Stop};
 use misfit::model::Model;
@@ -22,6 +22,15 @@ fn campaign(hidden: &str, seed: u64) -> Campaign {
 }
 
 pub fn campaign_of(poses: usize, hidden: &str, seed: u64) -> Campaign {
+    let design = format!(
+        "poses = {poses}\ndirections = 2\nrepeats = 2\n\
+         loads = [{{ mass_kg = 0.0 }}, {{ mass_kg = 5.0, com_m = [0.05, 0.0, 0.05] }}]\n"
+    );
+    designed(&design, true, hidden, seed)
+}
+
+/// The same arm in another design, with or without wrist wrenches among the readings.
+fn designed(design: &str, wrench: bool, hidden: &str, seed: u64) -> Campaign {
     let folder = tempfile::tempdir().unwrap();
     let robot = fs::canonicalize("models/sda5f/sda5f.urdf").unwrap();
     let text = format!(
@@ -41,7 +50,7 @@ joint_rad = 1.0e-5
 force_N = 0.05
 torque_Nm = 0.005
 [instruments]
-wrench = true
+wrench = {wrench}
 [[truth]]
 kind = "joint_compliance"
 preset = "strain_wave"
@@ -53,10 +62,7 @@ kind = "tracker_frame"
 values = {{ x = 2.6, y = 0.4, z = 1.2, rz = 2.9 }}
 {hidden}
 [design]
-poses = {poses}
-directions = 2
-repeats = 2
-loads = [{{ mass_kg = 0.0 }}, {{ mass_kg = 5.0, com_m = [0.05, 0.0, 0.05] }}]
+{design}
 "#
     );
     let path = folder.path().join("hidden.toml");
@@ -135,6 +141,97 @@ fn a_wrong_payload_and_a_wrong_gain_are_not_told_apart() {
 }
 
 #[test]
+fn the_poses_after_an_alias_tell_its_effects_apart() {
+    // a turned wrist sensor, or a payload whose centre is elsewhere
+    let campaign = campaign(&truth("ft_misalignment", "rx = 0.02"), 2);
+    let found = found(&campaign);
+    assert_eq!(found.verdict, Verdict::Alias, "{:?}", found.effects);
+    let mut effects = found.effects.clone();
+    effects.sort_unstable();
+    assert_eq!(effects, ["ft_misalignment", "payload_com"]);
+    let next = next_poses(&campaign, &found, POSES).unwrap().unwrap();
+    assert_eq!(next.poses.len(), POSES);
+    let robot = &campaign.robot;
+    for pose in &next.poses {
+        assert_eq!(pose.len(), robot.joints.len());
+        for (joint, &q) in robot.joints.iter().zip(pose) {
+            let (lower, upper) = joint.limits.unwrap();
+            assert!((lower..=upper).contains(&q), "{} at {q}", joint.name);
+        }
+    }
+    for way in &next.ways {
+        // measured with what there is, they are told apart better than with as many random poses, and than so far
+        assert!(way.proposed > way.random, "{way:?}");
+        assert!(way.random > way.measured, "{way:?}");
+    }
+    let document = misfit::report::diagnosis::document(&found, Some(&next));
+    let document = serde_json::to_value(&document).unwrap();
+    let told = document["next_poses"].as_array().unwrap();
+    assert_eq!(told.len(), POSES);
+    for (told, pose) in told.iter().zip(&next.poses) {
+        assert_eq!(told.as_object().unwrap().len(), 8, "torso and one arm");
+        for (joint, q) in robot.joints.iter().zip(pose) {
+            if let Some(told) = told.get(format!("{}_rad", joint.name)) {
+                assert_eq!(told, q);
+            }
+        }
+    }
+    // other verdicts propose none
+    let plain = self::campaign("", 2);
+    assert!(
+        next_poses(&plain, &self::found(&plain), POSES)
+            .unwrap()
+            .is_none()
+    );
+}
+
+#[test]
+fn a_law_of_two_angles_is_unknown_and_a_matter_of_poses() {
+    let law = truth("expression", "a = 3e-4")
+        + "name = \"odd\"\nacts_on = \"q[r1_e]\"\nlaw = \"a*sin(2*q[r1_l] + q[r1_u])\"\n\
+           parameters = { a = { unit = \"rad\", typical = 1e-4 } }\n";
+    let found = found(&campaign(&law, 2));
+    assert_eq!(found.verdict, Verdict::Unknown, "{:?}", found.effects);
+    assert!(found.effects.is_empty() && found.named.is_empty() && found.steps.is_empty());
+    assert_eq!(found.class(), Some("pose"));
+    // and the pattern says what it follows
+    let pattern = &found.patterns[0];
+    assert_eq!(
+        pattern.words,
+        "an error of r1_e that goes with 2 × r1_l + 1 × r1_u"
+    );
+    // better than the best effect, by more than nats that could be chance
+    let best = found.candidates[0].log_evidence;
+    assert!(pattern.log_evidence > best + 10.0, "{pattern:?} {best}");
+}
+
+#[test]
+fn the_papers_design_allows_no_diagnosis() {
+    let paper = "poses = 10\nloads = [{ mass_kg = 0.0 }, { mass_kg = 0.153 }]\n";
+    let campaign_of_paper = designed(paper, false, "", 2);
+    let poor = found(&campaign_of_paper);
+    assert!(!poor.power.is_enough(), "{:?}", poor.power);
+    let lacks = poor.power.lacks().join("; ");
+    for part in ["30 poses", "it has 10", "both sides", "twice", "wrenches"] {
+        assert!(lacks.contains(part), "no {part:?} in {lacks}");
+    }
+    let text = misfit::report::diagnosis::text(&campaign_of_paper, &poor, None);
+    let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(
+        text.contains("No diagnosis is possible: 120 rows"),
+        "{text}"
+    );
+    assert!(
+        text.contains("Needed: 30 poses or so (it has 10); each pose"),
+        "{text}"
+    );
+    // in the rich design it is possible
+    let rich = found(&campaign("", 2));
+    assert!(rich.power.is_enough(), "{:?}", rich.power);
+    assert!(rich.power.lacks().is_empty(), "{:?}", rich.power.lacks());
+}
+
+#[test]
 fn two_hidden_effects_are_both_named() {
     let both = truth("backlash", "r1_e = 1e-4") + &truth("ft_bias", "fx = 0.5");
     let found = found(&campaign(&both, 2));
@@ -160,6 +257,9 @@ fn outliers_are_set_aside() {
     }
     let found = found(&campaign);
     assert_eq!(found.rejected, lines);
+    let screened = found.screened(&campaign).readings;
+    assert_eq!(screened.len(), campaign.readings.len() - lines.len());
+    assert!(screened.iter().all(|r| !lines.contains(&r.line)));
     assert_eq!(found.verdict, Verdict::Nothing);
 }
 

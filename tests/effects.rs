@@ -156,6 +156,39 @@ fn neutral_changes_nothing_in_model_and_plant() {
     });
 }
 
+/// Readings that differ in time and temperature alone are taken for repeats, unless an effect needs either.
+#[test]
+fn what_does_not_need_the_clock_does_not_read_it() {
+    use misfit::effects::Need;
+    for_all(|entry, what, setup| {
+        let random = &mut random(41);
+        let mut parts = base(setup, entry.id, random);
+        let own = about_typical(setup, entry.id, 1.0, random);
+        let reads = |need: &Need| matches!(need, Need::Time | Need::Temperature);
+        let needs = own.effect.needs().iter().any(reads);
+        parts.push(own);
+        let mut twins = Twins::new(setup, &sorted(parts));
+        let mut moved = 0;
+        for target in 0..setup.targets.len() {
+            let reading = full_reading(setup, target, random);
+            let mut later = reading.clone();
+            later.time = reading.time.map(|time| time + 7e3);
+            later.temperature = reading.temperature.map(|warmth| warmth + 3.0);
+            for (_, warmth) in &mut later.link_temperatures {
+                *warmth += 3.0;
+            }
+            assert!(later.time.is_some() && later.temperature.is_some());
+            let (one, other) = (twins.predict(&reading), twins.predict(&later));
+            let same = one.position == other.position
+                && one.orientation == other.orientation
+                && one.wrench == other.wrench;
+            moved += usize::from(!same);
+        }
+        // both ways: a need that nothing reads would only cost time, but be no need
+        assert_eq!(moved > 0, needs, "{what}");
+    });
+}
+
 #[test]
 fn held_is_applied() {
     for_all(|entry, what, setup| {

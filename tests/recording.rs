@@ -45,6 +45,7 @@ fn example() -> Campaign {
             mass: 3.0,
             com: Vector3::new(0.0, 0.0, 0.1),
         }),
+        process: None,
     };
     Campaign {
         name: "example.toml".into(),

@@ -16,6 +16,7 @@ mod units;
 mod write;
 
 pub use error::CampaignError;
+pub use read::read_tasks;
 
 pub(crate) use check::plain_file_name;
 pub(crate) use document::{Document, render as render_document};
@@ -143,6 +144,8 @@ pub struct Reading {
     pub wrench: Option<Wrench>,
     /// Known dead weight on the target link.
     pub payload: Option<Payload>,
+    /// What pulls at the arm beside the payload's weight (a cutting force), as `wrench`: no column has it, tasks do.
+    pub process: Option<Wrench>,
 }
 
 /// Force in N and torque in N·m.

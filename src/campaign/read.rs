@@ -3,7 +3,7 @@
 use super::document::{Document, SplitRule};
 use super::error::CampaignError;
 use super::files::read_at_most;
-use super::{Campaign, RobotFile, split, table};
+use super::{Campaign, Reading, RobotFile, split, table};
 use crate::recording;
 use crate::robot::Robot;
 use std::path::Path;
@@ -68,8 +68,13 @@ fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
             SplitRule::Column(name) => Some(name),
             _ => None,
         },
+        with_joints: true,
     };
-    let (mut readings, warnings) = table::parse(&context, &bytes)?;
+    let table::Table {
+        mut readings,
+        warnings,
+        ..
+    } = table::parse(&context, &bytes)?;
     if let SplitRule::Fraction(fraction, seed) = settings.split {
         split::draw(&mut readings, fraction, seed);
     }
@@ -89,6 +94,36 @@ fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
         readings,
         warnings,
     })
+}
+
+/// Tasks from a table with the columns of a campaign's: poses to be reached, and under which load. Joints, where they
+/// have columns, are the posture to stay near. A wrench beside a payload pulls besides its weight.
+///
+/// The second: does the table name a posture?
+///
+/// # Errors
+/// As [`Campaign::load`].
+pub fn read_tasks(path: &Path, campaign: &Campaign) -> Result<(Vec<Reading>, bool), CampaignError> {
+    let file = path.display().to_string();
+    let bytes = read_bytes(path, &file, LARGEST_TABLE, "2 GB")?;
+    let context = table::Context {
+        file: &file,
+        robot: &campaign.robot,
+        targets: &campaign.targets,
+        split_column: None,
+        with_joints: false,
+    };
+    let table::Table {
+        readings: mut tasks,
+        has_joints,
+        ..
+    } = table::parse(&context, &bytes)?;
+    for task in &mut tasks {
+        if task.payload.is_some() {
+            task.process = task.wrench.take();
+        }
+    }
+    Ok((tasks, has_joints))
 }
 
 fn file_name(path: &Path) -> String {

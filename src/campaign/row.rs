@@ -124,6 +124,7 @@ impl Row<'_> {
             orientation,
             wrench,
             payload,
+            process: None,
         })
     }
 

@@ -21,13 +21,22 @@ pub(super) struct Context<'a> {
     pub(super) targets: &'a [Target],
     /// Column that holds `fit` and `heldout`.
     pub(super) split_column: Option<&'a str>,
+    /// Must a column say where some joint is? Not of tasks, whose joints are still to be found.
+    pub(super) with_joints: bool,
 }
 
-/// Readings in the order of the table, and what the user should be told of it.
-pub(super) fn parse(
-    context: &Context<'_>,
-    bytes: &[u8],
-) -> Result<(Vec<Reading>, Vec<String>), CampaignError> {
+/// What stands in a table.
+pub(super) struct Table {
+    /// Readings in its order.
+    pub(super) readings: Vec<Reading>,
+    /// What the user should be told of it.
+    pub(super) warnings: Vec<String>,
+    /// Does a column say where some joint is?
+    pub(super) has_joints: bool,
+}
+
+/// Reads a table.
+pub(super) fn parse(context: &Context<'_>, bytes: &[u8]) -> Result<Table, CampaignError> {
     check_lines(context.file, bytes)?;
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let mut reader = ReaderBuilder::new()
@@ -71,7 +80,12 @@ pub(super) fn parse(
         return Err(refuse("a header without a single reading below it"));
     }
     let warnings = warnings(context, &columns, &left_out, readings.len());
-    Ok((readings, warnings))
+    let mut joints = (0..context.robot.joints.len()).map(Role::Joint);
+    Ok(Table {
+        readings,
+        warnings,
+        has_joints: joints.any(|role| columns.has(role)),
+    })
 }
 
 /// Refuses lines so long that the file cannot be a table.
@@ -179,7 +193,7 @@ fn header(
         )?;
     }
     let joints: Vec<Role> = (0..robot.joints.len()).map(Role::Joint).collect();
-    if !joints.is_empty() && !joints.iter().any(|role| columns.has(*role)) {
+    if context.with_joints && !joints.iter().any(|role| columns.has(*role)) {
         columns.require(
             file,
             &joints,

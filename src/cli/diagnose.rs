@@ -4,6 +4,7 @@ use super::{Outcome, print, print_json, progress};
 use crate::campaign::Campaign;
 use crate::diagnosis::{self, Diagnosis};
 use crate::fit::Options;
+use crate::report::format::WIDTH;
 use crate::{model_file, report};
 use std::path::PathBuf;
 
@@ -69,15 +70,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let of_model = arguments.model.as_ref();
         let of_model = of_model.map(|model| format!(" --model {}", model.display()));
         let given = of_model.as_deref().unwrap_or("");
+        let of_candidates = arguments.candidates.as_ref();
+        let of_candidates = of_candidates.map(|file| format!(" --candidates {}", file.display()));
+        let tried = of_candidates.as_deref().unwrap_or("");
+        let is_own = |id: &str| own.iter().any(|effect| effect.id() == id);
         let add = match (
             found.named.first().map(String::as_str),
             &arguments.save_model,
         ) {
             (Some(_), Some(file)) => Some(format!("misfit fit {path} --model {}", file.display())),
-            // what it was found with are options (cycles of waves, a knee): a file holds them
-            (Some(effect), None) if has_options(&found, effect) => {
-                Some(format!("misfit diagnose {path}{given} -o model.toml"))
-            }
+            // what it was found with are options (cycles of waves, a knee, a law of the user's own): a file holds them
+            (Some(id), None) if has_options(&found, id) || is_own(id) => Some(format!(
+                "misfit diagnose {path}{given}{tried} -o model.toml"
+            )),
             (Some(effect), None) => Some(format!("misfit fit {path}{given} --effects +{effect}")),
             (None, _) => None,
         };
@@ -86,11 +91,19 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             .first()
             .map(|(a, b)| format!("misfit plan {path} --separate {},{}", a.id(), b.id()));
         // a ladder starts from the frames, whatever the model
-        let ladder = of_model.is_none().then(|| format!("misfit ladder {path}"));
+        let ladder = of_model
+            .is_none()
+            .then(|| format!("misfit ladder {path}{tried}"));
         let commands: Vec<String> = add.into_iter().chain(apart).chain(ladder).collect();
         let mut text = report::diagnosis::text(&campaign, &found, next.as_ref());
         if !commands.is_empty() {
-            text += &format!("\nnext     {}\n", commands.join("     or     "));
+            let side = commands.join("     or     ");
+            // commands stay whole where they do not fit beside each other
+            let next = match side.chars().count() + 9 <= usize::from(WIDTH) {
+                true => side,
+                false => commands.join("\n         "),
+            };
+            text += &format!("\nnext     {next}\n");
         }
         print(&text)?;
     }

@@ -68,7 +68,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let path = arguments.campaign.display();
         let next = match &arguments.save_model {
             Some(file) => format!("misfit fit {path} --model {}", file.display()),
-            None => format!("misfit ladder {path} -o model.toml"),
+            None => {
+                let effects = arguments.effects.as_ref();
+                let effects = effects.map(|list| format!(" --effects {list}"));
+                let own = arguments.candidates.as_ref();
+                let own = own.map(|file| format!(" --candidates {}", file.display()));
+                let given = effects.unwrap_or_default() + &own.unwrap_or_default();
+                format!("misfit ladder {path}{given} -o model.toml")
+            }
         };
         let text = report::ladder::text(&campaign, &found);
         print(&format!("{text}\nnext     {next}\n"))?;

@@ -1,5 +1,6 @@
 //! The command line: one file a command.
 
+mod compensate;
 mod diagnose;
 mod effects;
 mod fit;
@@ -25,7 +26,7 @@ struct Arguments {
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 done; 1 could not do it; 2 wrong usage; 3 done, but an [expect] was \
-missed or the fit did not converge.";
+missed, the fit did not converge, or a task was not reached.";
 
 #[derive(Debug, Subcommand)]
 enum Command {
@@ -34,6 +35,7 @@ enum Command {
     Diagnose(diagnose::Arguments),
     Ladder(ladder::Arguments),
     Plan(plan::Arguments),
+    Compensate(compensate::Arguments),
     Run(run::Arguments),
     Effects(effects::Arguments),
     Sweep(sweep::Arguments),
@@ -57,6 +59,7 @@ pub fn main() -> ExitCode {
         Command::Diagnose(arguments) => diagnose::run(&arguments),
         Command::Ladder(arguments) => ladder::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
+        Command::Compensate(arguments) => compensate::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),

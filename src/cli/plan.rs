@@ -214,7 +214,7 @@ fn fitted(campaign: &Campaign) -> Vec<&Reading> {
     readings.filter(|r| r.split == Split::Fit).collect()
 }
 
-/// A scenario has a design, a campaign has a table.
+/// A scenario has a design, or is like another one; a campaign has a table.
 fn is_scenario(path: &Path) -> anyhow::Result<bool> {
     if path.extension().is_none_or(|ending| ending != "toml") {
         return Ok(false);
@@ -222,7 +222,12 @@ fn is_scenario(path: &Path) -> anyhow::Result<bool> {
     let text = std::fs::read_to_string(path)
         .with_context(|| format!("{}: cannot be read", path.display()))?;
     // what is no TOML the reader of campaigns refuses, with its line
-    Ok(toml::from_str::<toml::Table>(&text).is_ok_and(|table| table.contains_key("design")))
+    let told = |table: toml::Table| {
+        ["design", "like"]
+            .iter()
+            .any(|key| table.contains_key(*key))
+    };
+    Ok(toml::from_str(&text).is_ok_and(told))
 }
 
 /// A scenario's design, about its truth: what the plan is for.

@@ -5,7 +5,8 @@ use crate::fit::{self, Options};
 use crate::model_file;
 use crate::report;
 use crate::report::run::{Instead, RunDocument};
-use crate::scenario::expect::{check_fit, check_study, compare};
+use crate::scenario::compensated::{self, Compensate};
+use crate::scenario::expect::{check_compensation, check_fit, check_study, compare};
 use crate::scenario::{Scenario, efficiency, simulate::truth_text, workspace};
 use anyhow::Context;
 use std::path::PathBuf;
@@ -49,9 +50,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         .campaigns
         .map(|n| n as usize)
         .or(scenario.campaigns);
-    let (document, text) = match campaigns {
-        Some(campaigns) => study(&scenario, campaigns)?,
-        None => fit_once(arguments, &scenario)?,
+    let (document, text) = match (campaigns, &scenario.compensate) {
+        (Some(campaigns), _) => study(&scenario, campaigns)?,
+        (None, Some(wanted)) => corrections(&scenario, wanted)?,
+        (None, None) => fit_once(arguments, &scenario)?,
     };
     if let Some(folder) = &arguments.output {
         std::fs::create_dir_all(folder)
@@ -141,6 +143,7 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
         workspace: survey,
         instead,
         study: None,
+        compensation: Vec::new(),
         passed: checks.iter().all(|check| check.met),
         expect: checks,
     };
@@ -200,6 +203,40 @@ fn study(scenario: &Scenario, campaigns: usize) -> anyhow::Result<(RunDocument, 
         workspace: Vec::new(),
         instead: Vec::new(),
         study: Some(report::run::study_document(&study)),
+        compensation: Vec::new(),
+        passed: checks.iter().all(|check| check.met),
+        expect: checks,
+    };
+    Ok((document, text))
+}
+
+/// Corrected commands, visited in MuJoCo.
+fn corrections(scenario: &Scenario, wanted: &Compensate) -> anyhow::Result<(RunDocument, String)> {
+    let bar = progress::bar(wanted.campaigns as u64, "campaigns");
+    let found = compensated::compensate(scenario, wanted, || bar.inc(1))?;
+    bar.finish_and_clear();
+    let checks = check_compensation(&scenario.expect, &found);
+    let text = format!(
+        "{}\n{}{}",
+        title(scenario),
+        report::run::corrections(scenario, wanted, &found),
+        report::run::checks(&checks)
+    );
+    let documents = found.iter();
+    let documents = documents
+        .map(|corrections| report::run::corrections_document(corrections, wanted.list))
+        .collect();
+    let document = RunDocument {
+        schema: "misfit.run/1",
+        scenario: scenario.name.clone(),
+        seed: scenario.seed,
+        fit: None,
+        truth: Vec::new(),
+        paper: None,
+        workspace: Vec::new(),
+        instead: Vec::new(),
+        study: None,
+        compensation: documents,
         passed: checks.iter().all(|check| check.met),
         expect: checks,
     };

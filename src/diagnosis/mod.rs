@@ -9,6 +9,7 @@ mod contrasts;
 mod families;
 mod folds;
 mod form;
+mod motion;
 mod next;
 mod patterns;
 mod power;
@@ -160,6 +161,13 @@ impl Diagnosis {
         };
         let order = ["time", "direction", "load", "pose"];
         order.into_iter().find(|name| sure(name).is_some())
+    }
+
+    /// The campaign without the readings that it rejected: what it fitted.
+    pub fn screened(&self, campaign: &Campaign) -> Campaign {
+        let mut kept = campaign.clone();
+        without(&mut kept, &self.rejected);
+        kept
     }
 
     /// Share of the misfit above noise that the named effects explain.
@@ -348,9 +356,9 @@ pub fn diagnose_until(
     };
     if options.cross_validate && base.heldout.is_none() {
         on_step("cross-validation");
-        base = fit::fit(&campaign, &base.model, options, |_| {})?;
+        base.cross_validate(&campaign);
         for (_, step) in &mut steps {
-            *step = fit::fit(&campaign, &step.model, options, |_| {})?;
+            step.cross_validate(&campaign);
         }
     }
     let fit = steps.last().map_or(&base, |step| &step.1).clone();
@@ -489,9 +497,14 @@ fn reject(campaign: &mut Campaign, fit: &Fit) -> Vec<usize> {
         .into_iter()
         .map(|index| fitted[index].line)
         .collect();
+    without(campaign, &lines);
+    lines
+}
+
+/// Takes the fitted readings of these lines out.
+fn without(campaign: &mut Campaign, lines: &[usize]) {
     let keep = |r: &Reading| r.split != Split::Fit || !lines.contains(&r.line);
     campaign.readings.retain(keep);
-    lines
 }
 
 fn fitted(campaign: &Campaign) -> Vec<&Reading> {
@@ -555,43 +568,38 @@ fn analyse(
 ) -> Analysis {
     let readings = fitted(campaign);
     let whiteners = noise::whiteners(&fit.model, &fit.values, &readings, &fit.noise.shape);
-    let mut effects = lacking(&fit.model, own);
+    let effects = lacking(&fit.model, own);
     let (mut families, mut blocks) = columns(fit, &effects, &readings, &whiteners);
     let base = fit.free.len();
-    let forms: Vec<f64> = families
+    let forms: Vec<usize> = families
         .iter()
-        .map(|own| {
-            families
-                .iter()
-                .filter(|other| own.is_form_of(other))
-                .count() as f64
-        })
+        .map(|own| families.iter().filter(|f| own.is_form_of(f)).count())
         .collect();
-    let count = |families: &mut [Family]| {
-        for (family, forms) in families.iter_mut().zip(&forms) {
-            family.trials = forms.ln();
-        }
-    };
-    count(&mut families);
+    for (family, forms) in families.iter_mut().zip(forms) {
+        family.trials = (forms as f64).ln();
+    }
+    let mut gram = Gram::new(&blocks, base);
+    let motions = motion::motions(fit, &readings, &whiteners);
     let mut waves = Vec::new();
     if with_waves {
-        let gram = Gram::new(&blocks, base);
-        let scan = ripple::Scan::new(fit, &readings, &whiteners, &blocks, base);
+        let scan = ripple::Scan::new(fit, &readings, &motions, &blocks, base);
         let found = scan.waves(&against(fit, &gram), ALARM);
         if let Some(found) = found
             && let Some(model) = ripple::with(&fit.model, &found.waves)
             && let Some(term) = model.term(ripple::EFFECT)
         {
-            effects.push(term.effect.clone());
-            (families, blocks) = columns(fit, &effects, &readings, &whiteners);
-            count(&mut families);
-            if let Some(last) = families.last_mut() {
-                last.trials = found.trials;
+            let effect = term.effect.clone();
+            let first = blocks[0].ncols() - 1 - base;
+            let (mut family, own) = columns_of(fit, &effect, first, &readings, &whiteners);
+            family.trials = found.trials;
+            families.push(family);
+            for (block, own) in blocks.iter_mut().zip(own) {
+                *block = inserted(block, &own);
             }
+            gram.insert(&blocks, families[families.len() - 1].columns.len());
             waves = found.waves;
         }
     }
-    let gram = Gram::new(&blocks, base);
     let against = against(fit, &gram);
     let information = gram.families(against.variance);
     let scores: Vec<FamilyScore> = families
@@ -686,7 +694,7 @@ fn analyse(
         let contrasts = contrasts::contrasts(&field, &against);
         (
             contrasts,
-            patterns::patterns(&field, fit, &whiteners, &against),
+            patterns::patterns(&field, fit, &motions, &against),
         )
     };
     let ((set, near, gain, one_form), (contrasts, patterns)) = rayon::join(find, test);
@@ -768,6 +776,33 @@ fn columns(
     let problem = CampaignProblem::new(&model, readings, whiteners, &free, &values);
     let at: Vec<f64> = free.iter().map(|&k| values[k]).collect();
     (families, problem.blocks(&at))
+}
+
+/// The family of one more effect, its columns behind `first` others, and its rows of `[X | r]`.
+fn columns_of(
+    fit: &Fit,
+    effect: &Arc<dyn AnyEffect>,
+    first: usize,
+    readings: &[&Reading],
+    whiteners: &[noise::Whitener],
+) -> (Family, Vec<DMatrix<f64>>) {
+    let family = Family::new(effect, &fit.model, first);
+    let model = fit.model.with(effect);
+    let mut values = fit.values.clone();
+    let free: Vec<usize> = (values.len()..model.start().len()).collect();
+    values.resize(model.start().len(), 0.0);
+    let problem = CampaignProblem::new(&model, readings, whiteners, &free, &values);
+    let at = vec![0.0; free.len()];
+    (family, problem.blocks(&at))
+}
+
+/// The columns of `own` but its last before the last of `block`.
+fn inserted(block: &DMatrix<f64>, own: &DMatrix<f64>) -> DMatrix<f64> {
+    let (before, more) = (block.ncols() - 1, own.ncols() - 1);
+    let mut both = block.clone().insert_columns(before, more, 0.0);
+    both.columns_mut(before, more)
+        .copy_from(&own.columns(0, more));
+    both
 }
 
 /// Why a campaign cannot see a family, if it cannot.

@@ -31,6 +31,7 @@ pub fn next_poses(
     diagnosis: &Diagnosis,
     poses: usize,
 ) -> Result<Option<Separation>, NextError> {
+    let campaign = &diagnosis.screened(campaign);
     let mut hardest: Option<Separation> = None;
     let least = |plan: &Separation| plan.ways[0].proposed.min(plan.ways[1].proposed);
     for (first, second) in &diagnosis.alike {

@@ -8,10 +8,9 @@
 //! `r` the residual beside them, `Xᵀ M X = Σ φ φᵀ B_kᵀB_k - (Σ φ QᵀB_k)(Σ φ QᵀB_k)ᵀ` and `Xᵀ M r = Σ φ B_kᵀr`.
 
 use super::contrasts::Field;
+use super::motion::Motion;
 use super::score::{Against, Score, log_mean};
-use crate::fit::noise::Whitener;
 use crate::fit::{Fit, pose_key};
-use crate::model::{Rows, Workspace};
 use crate::robot::JointKind;
 use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
 use rayon::prelude::*;
@@ -51,7 +50,7 @@ pub struct Pattern {
 struct Seen {
     name: String,
     joint: usize,
-    /// `QᵀB_k`, a row each.
+    /// `QᵀB_k`, a column each.
     through: DMatrix<f64>,
     /// `B_kᵀB_k`.
     weight: DVector<f64>,
@@ -62,7 +61,7 @@ struct Seen {
 impl Seen {
     /// Scores functions (a column each, by reading or pose) of typical size `size` as errors of this joint.
     fn score(&self, functions: &DMatrix<f64>, size: f64, variance: f64) -> Score {
-        let through = self.through.transpose() * functions;
+        let through = &self.through * functions;
         let mut weighted = functions.clone();
         for mut column in weighted.column_iter_mut() {
             column.component_mul_assign(&self.weight);
@@ -76,11 +75,11 @@ impl Seen {
 
     /// Rows of one group added up: functions that are the same over a group need no more.
     fn grouped(&self, groups: &[usize], count: usize) -> Self {
-        let mut through = DMatrix::zeros(count, self.through.ncols());
+        let mut through = DMatrix::zeros(self.through.nrows(), count);
         let (mut weight, mut pull) = (DVector::zeros(count), DVector::zeros(count));
         for (row, &group) in groups.iter().enumerate() {
-            let mut sum = through.row_mut(group);
-            sum += self.through.row(row);
+            let mut sum = through.column_mut(group);
+            sum += self.through.column(row);
             weight[group] += self.weight[row];
             pull[group] += self.pull[row];
         }
@@ -95,13 +94,8 @@ impl Seen {
 }
 
 /// Scores every kind of pattern; the best of each kind, most evidence first.
-pub fn patterns(
-    field: &Field,
-    fit: &Fit,
-    whiteners: &[Whitener],
-    against: &Against,
-) -> Vec<Pattern> {
-    let (seen, torques, blocks) = seen(field, fit, whiteners);
+pub fn patterns(field: &Field, fit: &Fit, motions: &[Motion], against: &Against) -> Vec<Pattern> {
+    let (seen, torques) = seen(field, fit, motions);
     let readings = field.readings;
     let mut place = BTreeMap::new();
     let groups: Vec<usize> = readings
@@ -126,7 +120,7 @@ pub fn patterns(
         waves(&by_pose, angle, against),
         own_torque(&seen, &torques, against),
         other_torque(&seen, &torques, against),
-        pulls(field, fit, &blocks, against),
+        pulls(field, fit, motions, against),
     ];
     if (2..=MOST_POSES).contains(&poses) {
         kinds.push(each_pose(&by_pose, against));
@@ -155,61 +149,35 @@ pub fn patterns(
     found
 }
 
-/// All observed joints as all readings see them, the torque on each joint by reading, and the whitened derivatives of
-/// the readings by the joints.
-fn seen(
-    field: &Field,
-    fit: &Fit,
-    whiteners: &[Whitener],
-) -> (Vec<Seen>, DMatrix<f64>, Vec<DMatrix<f64>>) {
-    let model = &fit.model;
-    let setup = &model.setup;
-    let joints = setup.robot.joints.len();
+/// All observed joints as all readings see them, and the torque on each joint by reading.
+fn seen(field: &Field, fit: &Fit, motions: &[Motion]) -> (Vec<Seen>, DMatrix<f64>) {
+    let setup = &fit.model.setup;
     let rank = field.matrix.ncols() - 1;
     let n = field.readings.len();
-    let rows: Vec<(DMatrix<f64>, Vec<f64>)> = (0..n)
-        .into_par_iter()
-        .map_init(
-            || (Workspace::new(setup), Rows::zeros(joints)),
-            |(workspace, jacobian), index| {
-                let reading = field.readings[index];
-                workspace.joint_jacobian(model, &fit.values, reading, jacobian);
-                let mut block = DMatrix::zeros(whiteners[index].rows, setup.observed.len());
-                for (place, &joint) in setup.observed.iter().enumerate() {
-                    let rate = jacobian.column(joint).into_owned();
-                    whiteners[index].apply(&rate, &mut |i, value| block[(i, place)] = value);
-                }
-                let torques = workspace.joint_torques(model, &fit.values, reading);
-                (block, torques)
-            },
-        )
-        .collect();
     let mut all: Vec<Seen> = setup
         .observed
         .iter()
         .map(|&joint| Seen {
             name: setup.robot.joints[joint].name.clone(),
             joint,
-            through: DMatrix::zeros(n, rank),
+            through: DMatrix::zeros(rank, n),
             weight: DVector::zeros(n),
             pull: DVector::zeros(n),
         })
         .collect();
     let mut torques = DMatrix::zeros(n, setup.observed.len());
-    for (index, (block, torque)) in rows.iter().enumerate() {
-        let own = field.matrix.rows(field.rows[index], block.nrows());
-        let through = own.transpose() * block;
+    for (index, motion) in motions.iter().enumerate() {
+        let own = field.matrix.rows(field.rows[index], motion.rates.nrows());
+        let through = own.transpose() * &motion.rates;
         for (place, seen) in all.iter_mut().enumerate() {
-            for k in 0..rank {
-                seen.through[(index, k)] = through[(k, place)];
-            }
-            seen.pull[index] = through[(rank, place)];
-            seen.weight[index] = block.column(place).norm_squared();
-            torques[(index, place)] = torque[seen.joint];
+            let column = through.column(place);
+            seen.through.set_column(index, &column.rows(0, rank));
+            seen.pull[index] = column[rank];
+            seen.weight[index] = motion.rates.column(place).norm_squared();
+            torques[(index, place)] = motion.torques[seen.joint];
         }
     }
-    let blocks = rows.into_iter().map(|(block, _)| block).collect();
-    (all, torques, blocks)
+    (all, torques)
 }
 
 /// One member of a kind: what it follows, in words, and its score.
@@ -217,13 +185,28 @@ type Member = (String, String, Score);
 
 /// The best of a kind, with the evidence of the whole kind.
 fn best(class: &'static str, members: Vec<Member>, against: &Against) -> Option<Pattern> {
-    let logs: Vec<f64> = members.iter().map(|(_, _, s)| s.log_evidence).collect();
-    let count = members.len() as f64;
-    let top = members
+    let (words, scores): (Vec<_>, Vec<_>) = members
         .into_iter()
-        .filter(|(_, _, score)| score.dof > 0)
-        .max_by(|a, b| a.2.log_evidence.total_cmp(&b.2.log_evidence))?;
-    let (variable, words, score) = top;
+        .map(|(variable, words, score)| ((variable, words), score))
+        .unzip();
+    best_of(class, &scores, |index| words[index].clone(), against)
+}
+
+/// The same where only the best is put in words.
+fn best_of(
+    class: &'static str,
+    scores: &[Score],
+    words: impl Fn(usize) -> (String, String),
+    against: &Against,
+) -> Option<Pattern> {
+    let logs: Vec<f64> = scores.iter().map(|score| score.log_evidence).collect();
+    let count = scores.len() as f64;
+    let (top, score) = scores
+        .iter()
+        .enumerate()
+        .filter(|(_, score)| score.dof > 0)
+        .max_by(|a, b| a.1.log_evidence.total_cmp(&b.1.log_evidence))?;
+    let (variable, words) = words(top);
     let p = against.p_value(score.chi2, score.dof as f64);
     Some(Pattern {
         class,
@@ -268,36 +251,40 @@ fn waves(
             pairs.push((first, second));
         }
     }
-    let members: Vec<Vec<Member>> = pairs
-        .into_par_iter()
-        .map(|(first, second)| {
+    let mut cycles = Vec::new();
+    for m in WAVES {
+        cycles.extend(WAVES.into_iter().flat_map(|n| [(m, n), (m, -n)]));
+    }
+    let scores: Vec<Vec<Score>> = pairs
+        .par_iter()
+        .map(|&(first, second)| {
             let (a, b) = (angle(seen[first].joint), angle(seen[second].joint));
-            let mut members = Vec::new();
-            for m in WAVES {
-                for n in WAVES.into_iter().flat_map(|n| [n, -n]) {
-                    let functions = DMatrix::from_fn(a.len(), 2, |row, column| {
-                        let (sin, cos) = (m * a[row] + n * b[row]).sin_cos();
-                        if column == 0 { sin } else { cos }
-                    });
-                    for own in seen {
-                        let both = format!("{} and {}", seen[first].name, seen[second].name);
-                        let words = format!(
-                            "an error of {} that goes with {m} × {} {} {} × {}",
-                            own.name,
-                            seen[first].name,
-                            if n > 0.0 { "+" } else { "-" },
-                            n.abs(),
-                            seen[second].name
-                        );
-                        let score = own.score(&functions, TYPICAL, against.variance);
-                        members.push((both, words, score));
-                    }
+            let mut scores = Vec::new();
+            for &(m, n) in &cycles {
+                let mut functions = DMatrix::zeros(a.len(), 2);
+                for row in 0..a.len() {
+                    let (sin, cos) = (m * a[row] + n * b[row]).sin_cos();
+                    (functions[(row, 0)], functions[(row, 1)]) = (sin, cos);
                 }
+                let own = |own: &Seen| own.score(&functions, TYPICAL, against.variance);
+                scores.extend(seen.iter().map(own));
             }
-            members
+            scores
         })
         .collect();
-    best("pose", members.into_iter().flatten().collect(), against)
+    let words = |index: usize| {
+        let (wave, own) = (index / seen.len(), &seen[index % seen.len()].name);
+        let (first, second) = pairs[wave / cycles.len()];
+        let (m, n) = cycles[wave % cycles.len()];
+        let (first, second) = (&seen[first].name, &seen[second].name);
+        let sign = if n > 0.0 { "+" } else { "-" };
+        let size = n.abs();
+        (
+            format!("{first} and {second}"),
+            format!("an error of {own} that goes with {m} × {first} {sign} {size} × {second}"),
+        )
+    };
+    best_of("pose", &scores.concat(), words, against)
 }
 
 /// An error of one joint that any pose has for itself.
@@ -352,7 +339,7 @@ fn other_torque(seen: &[Seen], torques: &DMatrix<f64>, against: &Against) -> Opt
 
 /// Something pulls at a link, by the springs of the joints: a hose, a cable. Its force is a constant and a linear function
 /// of the link's place, both in the base frame.
-fn pulls(field: &Field, fit: &Fit, blocks: &[DMatrix<f64>], against: &Against) -> Option<Pattern> {
+fn pulls(field: &Field, fit: &Fit, motions: &[Motion], against: &Against) -> Option<Pattern> {
     let setup = &fit.model.setup;
     let springs = fit.model.term("joint_compliance")?;
     let compliance = |joint: usize| {
@@ -379,7 +366,8 @@ fn pulls(field: &Field, fit: &Fit, blocks: &[DMatrix<f64>], against: &Against) -
         let mut squares = DMatrix::zeros(FORCES, FORCES);
         let mut through = DMatrix::zeros(rank, FORCES);
         let mut pull = DVector::zeros(FORCES);
-        for (index, (block, poses)) in blocks.iter().zip(&postures).enumerate() {
+        for (index, (motion, poses)) in motions.iter().zip(&postures).enumerate() {
+            let block = &motion.rates;
             let place = poses[body].translation.vector;
             let forces = forces(&(place - middle));
             let mut turns = DMatrix::zeros(setup.observed.len(), FORCES);
@@ -413,8 +401,13 @@ fn pulls(field: &Field, fit: &Fit, blocks: &[DMatrix<f64>], against: &Against) -
     let turning = |joint: &&usize| setup.robot.joints[**joint].kind != JointKind::Prismatic;
     // the last link's load is the payload's, and the wrist sensor's
     let links = setup.observed.len().saturating_sub(1);
-    let members = setup.observed[..links].iter().filter(turning).map(member);
-    best("pose", members.collect(), against)
+    let pulled: Vec<usize> = setup.observed[..links]
+        .iter()
+        .filter(turning)
+        .copied()
+        .collect();
+    let members = pulled.par_iter().map(member).collect();
+    best("pose", members, against)
 }
 
 /// Forces of a pull: constant, and symmetric in the place.

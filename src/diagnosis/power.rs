@@ -81,15 +81,16 @@ impl Power {
         tried: &[usize],
         information: &Information,
     ) -> Self {
+        let of = |&other: &usize| information.factor(&families[other].columns, STRETCH);
+        let factors: Vec<_> = tried.iter().map(of).collect();
         let alone = |&&family: &&usize| {
             let own = &families[family].columns;
-            tried
-                .iter()
-                .filter(|&&other| !families[other].is_form_of(&families[family]))
-                .all(|&other| {
-                    let given = information.given(&families[other].columns, STRETCH);
-                    let left: f64 = own.clone().map(|k| given.matrix[(k, k)]).sum();
-                    left >= VISIBLE
+            let others = tried.iter().zip(&factors);
+            others
+                .filter(|&(&other, _)| !families[other].is_form_of(&families[family]))
+                .all(|(&other, factor)| {
+                    let columns = &families[other].columns;
+                    information.beside(own, columns, factor.as_ref()) >= VISIBLE
                 })
         };
         let seen = |&&family: &&usize| scores[family].expected >= VISIBLE;

@@ -10,12 +10,14 @@
 //! Source: Baluev 2008, *Assessing the statistical significance of periodogram peaks*, MNRAS 385, 1279.
 
 use super::folds;
+use super::motion::Motion;
 use super::score::Against;
 use crate::campaign::Reading;
 use crate::effects::find;
-use crate::fit::noise::{Source, Whitener};
+use crate::fit::noise::Source;
+use crate::fit::triangle::triangle;
 use crate::fit::{Fit, solve};
-use crate::model::{Model, Rows, Workspace};
+use crate::model::Model;
 use crate::robot::JointKind;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
@@ -153,14 +155,14 @@ impl Scan {
     pub fn new(
         fit: &Fit,
         readings: &[&Reading],
-        whiteners: &[Whitener],
+        motions: &[Motion],
         blocks: &[DMatrix<f64>],
         base: usize,
     ) -> Self {
         let setup = &fit.model.setup;
         let mut rows = vec![0];
-        for whitener in whiteners {
-            rows.push(rows[rows.len() - 1] + whitener.rows);
+        for motion in motions {
+            rows.push(rows[rows.len() - 1] + motion.rates.nrows());
         }
         let all = rows[rows.len() - 1];
         let mut columns = DMatrix::zeros(all, base);
@@ -175,25 +177,19 @@ impl Scan {
             residual.rows_mut(row, count).copy_from(&last);
             row += count;
         }
-        let turns = |&&joint: &&usize| setup.robot.joints[joint].kind != JointKind::Prismatic;
-        let turning: Vec<usize> = setup.observed.iter().filter(turns).copied().collect();
-        let mut workspace = Workspace::new(setup);
-        let mut jacobian = Rows::zeros(setup.robot.joints.len());
-        let mut motions = vec![DVector::zeros(all); turning.len()];
-        for (index, (reading, whitener)) in readings.iter().zip(whiteners).enumerate() {
-            workspace.joint_jacobian(&fit.model, &fit.values, reading, &mut jacobian);
-            for (motion, &joint) in motions.iter_mut().zip(&turning) {
-                let rate = jacobian.column(joint).into_owned();
-                whitener.apply(&rate, &mut |i, value| motion[rows[index] + i] = value);
-            }
-        }
+        let turns =
+            |&(_, &joint): &(usize, &usize)| setup.robot.joints[joint].kind != JointKind::Prismatic;
+        let turning = setup.observed.iter().enumerate().filter(turns);
         let known = of(&fit.model);
-        let joints = turning.iter().zip(motions).map(|(&joint, motion)| {
+        let joints = turning.map(|(place, &joint)| {
             let name = setup.robot.joints[joint].name.clone();
             let known = known.iter().filter(|wave| wave.0 == name);
+            let rates = motions
+                .iter()
+                .flat_map(|m| m.rates.column(place).into_iter());
             Turning {
                 angles: readings.iter().map(|r| r.joints[joint]).collect(),
-                motion,
+                motion: DVector::from_iterator(all, rates.copied()),
                 known: known.map(|wave| wave.1).collect(),
                 name,
             }
@@ -334,7 +330,7 @@ struct Lane {
     place: Vec<usize>,
     /// Squared motion at each.
     weight: Vec<f64>,
-    /// Products of motion and basis, angles by directions.
+    /// Products of motion and basis, angles by directions: only their products with each other count.
     basis: DMatrix<f64>,
     /// Products of motion and residual.
     residual: DMatrix<f64>,
@@ -366,7 +362,8 @@ impl Moments {
     /// Score of the pair over the noise variance, zero if one of its directions is faint.
     fn chi2(&self, variance: f64) -> f64 {
         let mean = 0.5 * (self.ss + self.cc);
-        let spread = (0.5 * (self.ss - self.cc)).hypot(self.sc);
+        // sizes near one: no need of the slower `hypot`
+        let spread = (0.25 * (self.ss - self.cc).powi(2) + self.sc.powi(2)).sqrt();
         let weaker = mean - spread;
         if weaker * TYPICAL.powi(2) <= FAINT.powi(2) * variance {
             return 0.0;
@@ -541,7 +538,7 @@ impl<'a> Search<'a> {
         let (first, step) = (SLOWEST + period, period / STEPS);
         let mut lane = Lane {
             weight,
-            basis: self.products(joint, &place, &self.basis),
+            basis: compact(self.products(joint, &place, &self.basis)),
             residual: self.products(joint, &place, &column(&self.residual)),
             count: ((FASTEST - first) / step).max(0.0) as usize,
             angles,
@@ -584,28 +581,46 @@ impl<'a> Search<'a> {
     fn products(&self, joint: usize, places: &[usize], columns: &DMatrix<f64>) -> DMatrix<f64> {
         let angles = places.iter().max().map_or(0, |last| last + 1);
         let mut sums = DMatrix::zeros(angles, columns.ncols());
-        for k in 0..columns.ncols() {
-            let column = columns.column(k);
-            self.each_row(joint, places, |place, row, motion| {
-                sums[(place, k)] += motion * column[row];
-            });
+        let motion = self.scan.joints[joint].motion.as_slice();
+        for (mut sums, column) in sums.column_iter_mut().zip(columns.column_iter()) {
+            let mut row = 0;
+            for (&reading, &place) in self.readings.iter().zip(places) {
+                let own = &motion[self.scan.rows[reading]..self.scan.rows[reading + 1]];
+                let column = column.rows(row, own.len());
+                sums[place] += own.iter().zip(&column).map(|(a, b)| a * b).sum::<f64>();
+                row += own.len();
+            }
         }
         sums
     }
 
-    /// The pair that stands highest over all frequencies of these joints, its cycles refined.
-    fn best(&self, joints: &[bool]) -> Option<Peak> {
+    /// By joint: the height of the pair that stands highest over its frequencies, and its place.
+    fn heights(&self) -> Vec<Option<(f64, usize)>> {
         let variance = self.against.variance;
-        let mut best: Option<(f64, usize, usize)> = None;
-        for (joint, lane) in self.lanes.iter().enumerate() {
-            let Some(lane) = lane.as_ref().filter(|_| joints[joint]) else {
-                continue;
-            };
+        let of = |(joint, lane): (usize, &Option<Lane>)| {
+            let lane = lane.as_ref()?;
+            let mut best: Option<(f64, usize)> = None;
             for (place, moments) in lane.moments.iter().enumerate() {
                 let chi2 = moments.chi2(variance);
                 if best.is_none_or(|b| chi2 > b.0) && self.is_free(joint, lane.frequency(place)) {
-                    best = Some((chi2, joint, place));
+                    best = Some((chi2, place));
                 }
+            }
+            best
+        };
+        self.lanes.par_iter().enumerate().map(of).collect()
+    }
+
+    /// The highest of the pairs of these joints, its cycles refined.
+    fn best(&self, heights: &[Option<(f64, usize)>], joints: &[bool]) -> Option<Peak> {
+        let variance = self.against.variance;
+        let mut best: Option<(f64, usize, usize)> = None;
+        for (joint, height) in heights.iter().enumerate() {
+            if let &Some((chi2, place)) = height
+                && joints[joint]
+                && best.is_none_or(|b| chi2 > b.0)
+            {
+                best = Some((chi2, joint, place));
             }
         }
         let (_, joint, place) = best?;
@@ -671,8 +686,13 @@ impl<'a> Search<'a> {
         loop {
             let mut joints = vec![true; self.lanes.len()];
             let before = self.found.len();
+            let mut heights = self.heights();
             while self.found.len() < most {
-                let Some(peak) = self.best(&joints) else {
+                if self.scan.own_noise && self.found.len() > before {
+                    // their unit has changed
+                    heights = self.heights();
+                }
+                let Some(peak) = self.best(&heights, &joints) else {
                     break;
                 };
                 joints[peak.joint] = false;
@@ -699,15 +719,17 @@ impl<'a> Search<'a> {
         }
         let fresh = pair.qr().q();
         self.residual -= &fresh * fresh.tr_mul(&self.residual);
-        self.basis = joined(&self.basis, &fresh);
+        append(&mut self.basis, &fresh);
         self.found.push(peak);
         self.settle_noise();
         let mut lanes = std::mem::take(&mut self.lanes);
-        for (joint, lane) in lanes.iter_mut().enumerate() {
-            let Some(lane) = lane else { continue };
-            lane.residual = self.products(joint, &lane.place, &column(&self.residual));
-            lane.basis = joined(&lane.basis, &self.products(joint, &lane.place, &fresh));
-        }
+        let residual = column(&self.residual);
+        let here = &*self;
+        lanes.par_iter_mut().enumerate().for_each(|(joint, lane)| {
+            let Some(lane) = lane else { return };
+            lane.residual = here.products(joint, &lane.place, &residual);
+            append(&mut lane.basis, &here.products(joint, &lane.place, &fresh));
+        });
         self.lanes = lanes;
     }
 
@@ -827,13 +849,19 @@ fn column(vector: &DVector<f64>) -> DMatrix<f64> {
     DMatrix::from_column_slice(vector.len(), 1, vector.as_slice())
 }
 
-/// Columns beside columns.
-fn joined(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut both = DMatrix::zeros(left.nrows(), left.ncols() + right.ncols());
-    both.columns_mut(0, left.ncols()).copy_from(left);
-    both.columns_mut(left.ncols(), right.ncols())
-        .copy_from(right);
-    both
+/// As few columns with the same products of rows with each other.
+fn compact(columns: DMatrix<f64>) -> DMatrix<f64> {
+    if columns.ncols() <= columns.nrows() {
+        return columns;
+    }
+    triangle(columns.transpose()).transpose()
+}
+
+/// Columns behind columns.
+fn append(matrix: &mut DMatrix<f64>, more: &DMatrix<f64>) {
+    let before = matrix.ncols();
+    matrix.resize_horizontally_mut(before + more.ncols(), 0.0);
+    matrix.columns_mut(before, more.ncols()).copy_from(more);
 }
 
 /// Orthonormal columns that span the directions of a matrix that count.

@@ -62,7 +62,10 @@ pub fn search(
             }
         }
         next.sort_by(|a, b| b.1.total_cmp(&a.1));
-        let sets = next.into_iter().map(|(members, total, parent, score)| {
+        let minimal =
+            |members: &[usize]| is_minimal(families, tried, members, information, against);
+        let sets = next.into_iter().filter(|(members, ..)| minimal(members));
+        let sets = sets.take(BEAM).map(|(members, total, parent, score)| {
             let last = &families[members[members.len() - 1]];
             Set {
                 log_evidence: total,
@@ -70,10 +73,7 @@ pub fn search(
                 members,
             }
         });
-        beam = sets
-            .filter(|set| is_minimal(families, tried, set, information, against))
-            .take(BEAM)
-            .collect();
+        beam = sets.collect();
         let Some(first) = beam.first() else { break };
         if first.log_evidence > best.log_evidence {
             best = first.clone();
@@ -86,13 +86,13 @@ pub fn search(
 fn is_minimal(
     families: &[Family],
     tried: &[usize],
-    set: &Set,
+    members: &[usize],
     information: &Information,
     against: &Against,
 ) -> bool {
-    set.members.len() < 2
-        || set.members.iter().all(|&member| {
-            let others = beside(families, &set.members, member, information, against);
+    members.len() < 2
+        || members.iter().all(|&member| {
+            let others = beside(families, members, member, information, against);
             families[member]
                 .score(&others, against)
                 .is_sure(ALARM, tried.len())

@@ -37,6 +37,7 @@ const HOUR: f64 = 3600.0;
 impl Effect for FrameDrift {
     const ID: &'static str = "frame_drift";
     const STAGE: Stage = Stage::Instrument;
+    const OF_MEASUREMENT: bool = true;
     const NEEDS: &'static [Need] = &[Need::Time];
 
     fn parameters(&self, _: &Setup) -> Vec<Parameter> {

@@ -43,6 +43,7 @@ const WRENCH: [(&str, &str, f64); 6] = [
 impl Effect for FtBias {
     const ID: &'static str = "ft_bias";
     const STAGE: Stage = Stage::Sensor;
+    const OF_MEASUREMENT: bool = true;
     const NEEDS: &'static [Need] = &[Need::WrenchBesidePayload];
 
     fn parameters(&self, _: &Setup) -> Vec<Parameter> {

@@ -43,6 +43,7 @@ const AXES: [(&str, &str); 6] = [
 impl Effect for FtGain {
     const ID: &'static str = "ft_gain";
     const STAGE: Stage = Stage::Sensor;
+    const OF_MEASUREMENT: bool = true;
     const NEEDS: &'static [Need] = &[Need::WrenchBesidePayload];
     const ALIASES: &'static [&'static str] = &["payload_mass"];
 

@@ -36,6 +36,7 @@ pub struct FtMisalignment {}
 impl Effect for FtMisalignment {
     const ID: &'static str = "ft_misalignment";
     const STAGE: Stage = Stage::Sensor;
+    const OF_MEASUREMENT: bool = true;
     const NEEDS: &'static [Need] = &[Need::WrenchBesidePayload];
     const ALIASES: &'static [&'static str] = &["payload_com"];
 

@@ -161,6 +161,9 @@ pub trait Effect: Debug + Send + Sync + 'static {
     const ALIASES: &'static [&'static str] = &[];
     /// Other options of it, TOML, that a diagnosis tries beside none: numbers of its law that no robot file tells.
     const FORMS: &'static [&'static str] = &[];
+    /// Is it an error of the measurement alone? Then the robot goes where it would without, and nothing is to be
+    /// compensated.
+    const OF_MEASUREMENT: bool = false;
     /// [`Effect::ID`], but where one kind makes many effects each has a name of its own.
     fn id(&self) -> &str {
         Self::ID
@@ -264,6 +267,8 @@ pub trait AnyEffect: Debug + Send + Sync {
     fn distant(&self, setup: &Setup) -> Vec<usize>;
     /// [`Effect::ALIASES`].
     fn aliases(&self) -> &'static [&'static str];
+    /// [`Effect::OF_MEASUREMENT`].
+    fn is_of_measurement(&self) -> bool;
     /// The options that it was made with, as in its `[[effect]]` table.
     fn options(&self) -> &toml::Table;
     /// [`Effect::check`].
@@ -315,6 +320,9 @@ impl<E: Effect> AnyEffect for Made<E> {
     }
     fn aliases(&self) -> &'static [&'static str] {
         E::ALIASES
+    }
+    fn is_of_measurement(&self) -> bool {
+        E::OF_MEASUREMENT
     }
     fn options(&self) -> &toml::Table {
         &self.options

@@ -42,6 +42,7 @@ fn usual() -> f64 {
 impl Effect for TimestampLag {
     const ID: &'static str = "timestamp_lag";
     const STAGE: Stage = Stage::Rigid;
+    const OF_MEASUREMENT: bool = true;
     const NEEDS: &'static [Need] = &[Need::Approach];
 
     fn check(&self, _: &Setup) -> Result<(), String> {

@@ -31,6 +31,7 @@ pub struct TrackerScale {}
 impl Effect for TrackerScale {
     const ID: &'static str = "tracker_scale";
     const STAGE: Stage = Stage::Instrument;
+    const OF_MEASUREMENT: bool = true;
     const NEEDS: &'static [Need] = &[Need::ScaleBar];
     const ALIASES: &'static [&'static str] = &["geometry"];
 

@@ -3,22 +3,26 @@
 //! Held-out readings are never used to fit; where a campaign holds none out, the error beside the fitted one
 //! comes from fitting again without a fifth of the poses at a time.
 
+pub(crate) mod alike;
 pub mod noise;
 pub mod paper;
 mod rank;
 pub mod solve;
 mod start;
+pub(crate) mod triangle;
 
 use crate::campaign::{Campaign, Noise, Reading, Split};
 use crate::dual_quaternion::rotation_vector;
 use crate::model::{
     Model, Row, Rows, Workspace, pose_numbers, right_jacobian_inverse, stacked, wrench_is_measured,
 };
+use alike::Alike;
 use nalgebra::{DMatrix, DVector, Vector3};
 use noise::{PureError, Source, Whitener};
 use rayon::prelude::*;
 use solve::{Linear, Problem, Solution};
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 pub use rank::{LOST, Status, Unobservable};
 
@@ -221,6 +225,40 @@ impl Fit {
         p.unwrap_or(1.0)
     }
 
+    /// Adds the error of poses not fitted, from fits without a fifth of them at a time; nothing where the campaign holds
+    /// readings out, or has too few poses.
+    pub fn cross_validate(&mut self, campaign: &Campaign) {
+        if self.readings.1 > 0 {
+            return;
+        }
+        let readings = campaign.readings.iter();
+        let readings: Vec<&Reading> = readings.filter(|r| r.split == Split::Fit).collect();
+        let start;
+        // where the fit itself took the shape of the noise
+        let at = match self.noise.source {
+            Source::Residual => &self.values,
+            _ => {
+                start = start_values(campaign, &self.model, &readings);
+                &start
+            }
+        };
+        let whiteners = noise::whiteners(&self.model, at, &readings, &self.noise.shape);
+        let Some((errors, stopped)) = cross_validated(campaign, self, &readings, &whiteners) else {
+            return;
+        };
+        self.heldout = Some(errors);
+        self.heldout_by = Some(HeldoutBy::CrossValidation);
+        if self.fit.position_rms_m.is_finite() {
+            without_equilibrium(campaign, self);
+        }
+        if stopped > 0 {
+            self.unobservable.push(Unobservable {
+                what: "cross-validated error".to_owned(),
+                why: format!("{stopped} of its {FOLDS} fits did not converge: take it as a bound"),
+            });
+        }
+    }
+
     /// Position of a parameter by effect and name.
     pub fn index(&self, effect: &str, name: &str) -> Option<usize> {
         self.model
@@ -242,8 +280,8 @@ pub fn fit(
     fit_from(campaign, model, options, None, on_step)
 }
 
-/// The same fit without cross-validation, faster where one with other effects is near and the noise is what is left: it
-/// begins at the values that they share, and ends where [`fit`] does.
+/// The same fit without cross-validation, faster where one with other effects is near: it begins at the values that they
+/// share, and ends where [`fit`] does.
 ///
 /// # Errors
 /// As [`fit`].
@@ -284,33 +322,15 @@ fn fit_from(
         return Err(error);
     }
     let errors = errors(model, &estimate.p, &fitted, &estimate.whiteners);
-    let mut folds_stopped = 0;
-    let (held, heldout_by) = if !heldout.is_empty() {
+    let held = (!heldout.is_empty()).then(|| {
         let whiteners = noise::whiteners(model, &estimate.p, &heldout, &estimate.noise);
-        let held = self::errors(model, &estimate.p, &heldout, &whiteners);
-        (Some(held), Some(HeldoutBy::Split))
-    } else if options.cross_validate {
-        let (held, stopped) = cross_validate(campaign, model, &fitted, &estimate, &mut on_step);
-        folds_stopped = stopped;
-        (held, held.map(|_| HeldoutBy::CrossValidation))
-    } else {
-        (None, None)
-    };
-    let mut found = finish(
-        model,
-        estimate,
-        errors,
-        (held, heldout_by),
-        (&fitted, heldout.len()),
-    );
+        self::errors(model, &estimate.p, &heldout, &whiteners)
+    });
+    let mut found = finish(model, estimate, errors, held, (&fitted, heldout.len()));
     without_equilibrium(campaign, &mut found);
-    if folds_stopped > 0 {
-        found.unobservable.push(Unobservable {
-            what: "cross-validated error".to_owned(),
-            why: format!(
-                "{folds_stopped} of its {FOLDS} fits did not converge: take it as a bound"
-            ),
-        });
+    if options.cross_validate {
+        on_step("cross-validation");
+        found.cross_validate(campaign);
     }
     Ok(found)
 }
@@ -338,9 +358,12 @@ fn no_number(campaign: &Campaign, model: &Model, p: &[f64], slopes: bool) -> Opt
             why,
         })
     };
-    let found = campaign.readings.par_iter().map_init(
+    let readings: Vec<&Reading> = campaign.readings.iter().collect();
+    // the first reading of the first group is the first of all
+    let groups = Alike::of(model, &readings).groups;
+    let found = groups.par_iter().map_init(
         || Workspace::new(&model.setup),
-        |workspace, reading| find(workspace, reading),
+        |workspace, group| find(workspace, readings[group[0]]),
     );
     found.find_map_first(|error| error)
 }
@@ -416,14 +439,14 @@ fn estimate(
     near: Option<&Fit>,
     on_step: &mut impl FnMut(&str),
 ) -> Result<Estimate, FitError> {
-    let mut workspace = Workspace::new(&model.setup);
-    for reading in readings {
-        if !workspace.predict(model, &start, reading).settled {
-            return Err(FitError::NoEquilibrium {
-                campaign: campaign.name.clone(),
-                line: reading.line,
-            });
-        }
+    let settled = Alike::of(model, readings).map(model, readings, |workspace, reading| {
+        workspace.predict(model, &start, reading).settled
+    });
+    if let Some(first) = settled.iter().position(|settled| !settled) {
+        return Err(FitError::NoEquilibrium {
+            campaign: campaign.name.clone(),
+            line: readings[first].line,
+        });
     }
     let with_orientation = readings.iter().any(|reading| reading.orientation.is_some());
     let groups = noise::replicate_groups(campaign, readings);
@@ -456,9 +479,9 @@ fn estimate(
         Source::Residual => NOISE_ROUNDS,
         _ => 1,
     };
+    let centre: Vec<f64> = free.iter().map(|&k| start[k]).collect();
     let mut p = start;
-    // rounds that settle the noise end at the same place from anywhere near; the prior of a single one would not
-    if let Some(near) = near.filter(|_| source == Source::Residual) {
+    if let Some(near) = near {
         for (k, (effect, parameter)) in model.parameters().enumerate() {
             if let Some(index) = near
                 .index(effect, &parameter.name)
@@ -467,8 +490,10 @@ fn estimate(
                 p[k] = near.values[index];
             }
         }
-        shape = near.noise.shape;
-        whiteners = noise::whiteners(model, &p, readings, &shape);
+        if source == Source::Residual {
+            shape = near.noise.shape;
+            whiteners = noise::whiteners(model, &p, readings, &shape);
+        }
     }
     let mut solution = None;
     let mut dof = None;
@@ -476,7 +501,12 @@ fn estimate(
     for round in 0..rounds {
         let problem = CampaignProblem::new(model, readings, &whiteners, &free, &p);
         let begin: Vec<f64> = free.iter().map(|&k| p[k]).collect();
-        let found = solve::solve(&problem, &begin, |iteration, cost| {
+        // what rounds find is the next one's prior, until the noise has settled
+        let about = match source {
+            Source::Residual => &begin,
+            _ => &centre,
+        };
+        let found = solve::solve(&problem, &begin, about, |iteration, cost| {
             on_step(&format!("step {iteration}, cost {cost:.6e}"));
         });
         p = problem.full(&found.p);
@@ -569,15 +599,16 @@ fn from_residual(model: &Model, p: &[f64], readings: &[&Reading], rank: usize) -
 
 /// Residuals, measured minus predicted: position (m), rotation vector (rad), in the tracker's frame.
 pub fn residuals(model: &Model, p: &[f64], readings: &[&Reading]) -> Vec<Row> {
-    readings
-        .par_iter()
-        .map_init(
-            || Workspace::new(&model.setup),
-            |workspace, reading| {
-                let prediction = workspace.predict(model, p, reading);
-                residual(&prediction, reading)
-            },
-        )
+    residuals_of(model, p, readings, &Alike::of(model, readings))
+}
+
+fn residuals_of(model: &Model, p: &[f64], readings: &[&Reading], alike: &Alike) -> Vec<Row> {
+    let predictions = alike.map(model, readings, |workspace, reading| {
+        workspace.predict(model, p, reading)
+    });
+    let pairs = predictions.iter().zip(readings);
+    pairs
+        .map(|(prediction, reading)| residual(prediction, reading))
         .collect()
 }
 
@@ -610,6 +641,9 @@ pub struct CampaignProblem<'a> {
     wanted: Vec<bool>,
     scale: Vec<f64>,
     bounds: Vec<(f64, f64)>,
+    alike: Alike,
+    /// Ranges of groups, of some [`BLOCK`] readings each.
+    parts: Vec<Range<usize>>,
 }
 
 impl<'a> CampaignProblem<'a> {
@@ -626,7 +660,22 @@ impl<'a> CampaignProblem<'a> {
         for &k in free {
             wanted[k] = true;
         }
+        let alike = Alike::of(model, readings);
+        let mut parts: Vec<Range<usize>> = Vec::new();
+        let mut count = BLOCK;
+        for (index, group) in alike.groups.iter().enumerate() {
+            if count >= BLOCK {
+                parts.push(index..index);
+                count = 0;
+            }
+            count += group.len();
+            if let Some(part) = parts.last_mut() {
+                part.end = index + 1;
+            }
+        }
         Self {
+            alike,
+            parts,
             model,
             readings,
             whiteners,
@@ -652,23 +701,45 @@ impl<'a> CampaignProblem<'a> {
 
     /// All rows of `[J | r]`, whitened and scaled, in blocks of readings in their order.
     pub fn blocks(&self, p: &[f64]) -> Vec<DMatrix<f64>> {
-        self.map_blocks(p, |block| block)
+        let parts = self.map_parts(p, |block| block);
+        let mut rows: Vec<(usize, usize)> = vec![(0, 0); self.readings.len()];
+        for (number, part) in self.parts.iter().enumerate() {
+            let mut row = 0;
+            for &index in self.alike.groups[part.clone()].iter().flatten() {
+                rows[index] = (number, row);
+                row += self.whiteners[index].rows;
+            }
+        }
+        let blocks = rows.par_chunks(BLOCK).zip(self.whiteners.par_chunks(BLOCK));
+        let block = |(rows, whiteners): (&[(usize, usize)], &[Whitener])| {
+            let mut block = DMatrix::zeros(self::rows(whiteners), self.free.len() + 1);
+            let mut row = 0;
+            for (&(part, first), whitener) in rows.iter().zip(whiteners) {
+                block
+                    .rows_mut(row, whitener.rows)
+                    .copy_from(&parts[part].rows(first, whitener.rows));
+                row += whitener.rows;
+            }
+            block
+        };
+        blocks.map(block).collect()
     }
 
-    fn map_blocks(
+    /// The rows of each part, readings that are alike together.
+    fn map_parts(
         &self,
         p: &[f64],
         then: impl Fn(DMatrix<f64>) -> DMatrix<f64> + Sync,
     ) -> Vec<DMatrix<f64>> {
         let full = self.full(p);
         let parameters = full.len();
-        self.readings
-            .par_chunks(BLOCK)
-            .zip(self.whiteners.par_chunks(BLOCK))
+        self.parts
+            .par_iter()
             .map_init(
                 || (Workspace::new(&self.model.setup), Rows::zeros(parameters)),
-                |(workspace, jacobian), (readings, whiteners)| {
-                    then(self.block(&full, readings, whiteners, workspace, jacobian))
+                |(workspace, jacobian), part| {
+                    let groups = &self.alike.groups[part.clone()];
+                    then(self.block(&full, groups, workspace, jacobian))
                 },
             )
             .collect()
@@ -678,33 +749,36 @@ impl<'a> CampaignProblem<'a> {
     fn block(
         &self,
         full: &[f64],
-        readings: &[&Reading],
-        whiteners: &[Whitener],
+        groups: &[Vec<usize>],
         workspace: &mut Workspace,
         jacobian: &mut Rows,
     ) -> DMatrix<f64> {
         let n = self.free.len();
-        let count: usize = rows(whiteners);
+        let members = || groups.iter().flatten();
+        let count: usize = members().map(|&index| self.whiteners[index].rows).sum();
         let mut block = DMatrix::zeros(count, n + 1);
         let mut row = 0;
-        for (reading, whitener) in readings.iter().zip(whiteners) {
-            let prediction =
-                workspace.sensitivity(self.model, full, &self.wanted, reading, jacobian);
-            let residual = residual(&prediction, reading);
-            // residual = measured - predicted, so its derivative is minus the prediction's; the rotation
-            // vector of the error answers through the inverse right Jacobian
-            let turn = right_jacobian_inverse(&residual.fixed_rows::<3>(3).into_owned());
-            for (column, &k) in self.free.iter().enumerate() {
-                let mut rate = jacobian.column(k).into_owned();
-                let turned = turn * rate.fixed_rows::<3>(3);
-                rate.fixed_rows_mut::<3>(3).copy_from(&turned);
-                let scale = -self.scale[column];
-                whitener.apply(&rate, &mut |i, value| {
-                    block[(row + i, column)] = value * scale
-                });
+        for group in groups {
+            let first = self.readings[group[0]];
+            let prediction = workspace.sensitivity(self.model, full, &self.wanted, first, jacobian);
+            for &index in group {
+                let whitener = &self.whiteners[index];
+                let residual = residual(&prediction, self.readings[index]);
+                // residual = measured - predicted, so its derivative is minus the prediction's; the rotation
+                // vector of the error answers through the inverse right Jacobian
+                let turn = right_jacobian_inverse(&residual.fixed_rows::<3>(3).into_owned());
+                for (column, &k) in self.free.iter().enumerate() {
+                    let mut rate = jacobian.column(k).into_owned();
+                    let turned = turn * rate.fixed_rows::<3>(3);
+                    rate.fixed_rows_mut::<3>(3).copy_from(&turned);
+                    let scale = -self.scale[column];
+                    whitener.apply(&rate, &mut |i, value| {
+                        block[(row + i, column)] = value * scale
+                    });
+                }
+                whitener.apply(&residual, &mut |i, value| block[(row + i, n)] = value);
+                row += whitener.rows;
             }
-            whitener.apply(&residual, &mut |i, value| block[(row + i, n)] = value);
-            row += whitener.rows;
         }
         block
     }
@@ -712,13 +786,13 @@ impl<'a> CampaignProblem<'a> {
 
 impl Problem for CampaignProblem<'_> {
     fn linearise(&self, p: &[f64]) -> Linear {
-        let blocks = self.map_blocks(p, solve::triangle);
+        let blocks = self.map_parts(p, triangle::triangle);
         solve::reduce(blocks, self.free.len())
     }
 
     fn cost(&self, p: &[f64]) -> f64 {
         let full = self.full(p);
-        let residuals = residuals(self.model, &full, self.readings);
+        let residuals = residuals_of(self.model, &full, self.readings, &self.alike);
         squares(&residuals, self.whiteners)
     }
 
@@ -784,13 +858,12 @@ pub fn pose_key(reading: &Reading) -> (String, Vec<u64>) {
 
 /// Errors of poses left out a fifth at a time, none with too few poses; and how many of those fits did not
 /// converge.
-fn cross_validate(
+fn cross_validated(
     campaign: &Campaign,
-    model: &Model,
+    fit: &Fit,
     readings: &[&Reading],
-    estimate: &Estimate,
-    on_step: &mut impl FnMut(&str),
-) -> (Option<Errors>, usize) {
+    whiteners: &[Whitener],
+) -> Option<(Errors, usize)> {
     let mut fold_of: BTreeMap<_, usize> = BTreeMap::new();
     let folds: Vec<usize> = readings
         .iter()
@@ -801,12 +874,10 @@ fn cross_validate(
         })
         .collect();
     if fold_of.len() < FEWEST_POSES {
-        return (None, 0);
+        return None;
     }
-    let mut stopped = 0;
-    let mut left = vec![Row::zeros(); readings.len()];
-    for fold in 0..FOLDS {
-        on_step(&format!("cross-validation, fold {} of {FOLDS}", fold + 1));
+    let model = &fit.model;
+    let of_fold = |fold: usize| {
         let inside = |keep: bool| -> Vec<usize> {
             (0..readings.len())
                 .filter(|&i| (folds[i] != fold) == keep)
@@ -814,24 +885,34 @@ fn cross_validate(
         };
         let (kept, out) = (inside(true), inside(false));
         let part: Vec<&Reading> = kept.iter().map(|&i| readings[i]).collect();
-        let whiteners: Vec<Whitener> = kept
-            .iter()
-            .map(|&i| estimate.whiteners[i].clone())
-            .collect();
-        // start from scratch, so that nothing of the fold left out leaks in
+        let whiteners: Vec<Whitener> = kept.iter().map(|&i| whiteners[i].clone()).collect();
+        // the prior is about frames that know nothing of the fold left out, and decides where the fit ends; the
+        // first step may begin near it
         let start = start_values(campaign, model, &part);
-        let problem = CampaignProblem::new(model, &part, &whiteners, &estimate.free, &start);
-        let begin: Vec<f64> = estimate.free.iter().map(|&k| start[k]).collect();
-        let found = solve::solve(&problem, &begin, |_, _| {});
-        stopped += usize::from(!found.converged);
+        let problem = CampaignProblem::new(model, &part, &whiteners, &fit.free, &start);
+        let of_free = |p: &[f64]| -> Vec<f64> { fit.free.iter().map(|&k| p[k]).collect() };
+        let centre = of_free(&start);
+        let begin = if fit.converged {
+            of_free(&fit.values)
+        } else {
+            centre.clone()
+        };
+        let found = solve::solve(&problem, &begin, &centre, |_, _| {});
         let p = problem.full(&found.p);
         let tested: Vec<&Reading> = out.iter().map(|&i| readings[i]).collect();
-        for (i, residual) in out.into_iter().zip(residuals(model, &p, &tested)) {
-            left[i] = residual;
+        let rows: Vec<(usize, Row)> = out.into_iter().zip(residuals(model, &p, &tested)).collect();
+        (found.converged, rows)
+    };
+    let mut stopped = 0;
+    let mut left = vec![Row::zeros(); readings.len()];
+    let folds: Vec<_> = (0..FOLDS).into_par_iter().map(of_fold).collect();
+    for (converged, rows) in folds {
+        stopped += usize::from(!converged);
+        for (i, row) in rows {
+            left[i] = row;
         }
     }
-    let errors = summarise(&left, readings, &estimate.whiteners);
-    (Some(errors), stopped)
+    Some((summarise(&left, readings, whiteners), stopped))
 }
 
 /// From an estimate to what it is worth.
@@ -839,7 +920,7 @@ fn finish(
     model: &Model,
     estimate: Estimate,
     fit: Errors,
-    (heldout, heldout_by): (Option<Errors>, Option<HeldoutBy>),
+    heldout: Option<Errors>,
     (fitted, heldout_count): (&[&Reading], usize),
 ) -> Fit {
     let judged = rank::judge(
@@ -859,7 +940,7 @@ fn finish(
         rank: judged.rank,
         fit,
         heldout,
-        heldout_by,
+        heldout_by: heldout.map(|_| HeldoutBy::Split),
         readings: (fitted.len(), heldout_count),
         noise: estimate.used,
         converged: estimate.solution.converged,

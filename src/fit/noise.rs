@@ -4,11 +4,11 @@
 //! orientation) plus what the joints' lack of repeatability does at the target, `σ_q² J Jᵀ`. Its shape comes
 //! from the campaign file; its size from repeats where there are any.
 
+use super::alike::Alike;
 use crate::campaign::{Campaign, Noise, Reading};
 use crate::dual_quaternion::rotation_vector;
-use crate::model::{Model, Row, Rows, Workspace, stacked, wrench_is_measured};
+use crate::model::{Model, Row, Rows, stacked, wrench_is_measured};
 use nalgebra::{Matrix3, Matrix6, Vector3};
-use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Noise below this is rounding: one standard deviation, m and rad.
@@ -71,21 +71,22 @@ impl Whitener {
 /// Covariance of the readings as the noise model says, at the parameters `p`.
 pub fn whiteners(model: &Model, p: &[f64], readings: &[&Reading], noise: &Noise) -> Vec<Whitener> {
     let joints = model.setup.robot.joints.len();
-    readings
-        .par_iter()
-        .map_init(
-            || (Workspace::new(&model.setup), Rows::zeros(joints)),
-            |(workspace, jacobian), reading| {
-                let mut covariance = tracker_covariance(reading, noise);
-                if noise.joint > 0.0 {
-                    workspace.joint_jacobian(model, p, reading, jacobian);
-                    let pose = jacobian.fixed_rows::<6>(0);
-                    covariance += pose * pose.transpose() * noise.joint.powi(2);
-                }
-                whitener(reading, &covariance, noise)
-            },
-        )
-        .collect()
+    let repeatability = if noise.joint > 0.0 {
+        Alike::of(model, readings).map(model, readings, |workspace, reading| {
+            let mut jacobian = Rows::zeros(joints);
+            workspace.joint_jacobian(model, p, reading, &mut jacobian);
+            let pose = jacobian.fixed_rows::<6>(0);
+            pose * pose.transpose() * noise.joint.powi(2)
+        })
+    } else {
+        vec![Matrix6::zeros(); readings.len()]
+    };
+    let each = readings.iter().zip(repeatability);
+    each.map(|(reading, joints)| {
+        let covariance = tracker_covariance(reading, noise) + joints;
+        whitener(reading, &covariance, noise)
+    })
+    .collect()
 }
 
 /// Covariance (tracker frame) of the instrument alone.

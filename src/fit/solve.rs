@@ -9,6 +9,7 @@
 //! creeps along curved valleys of equal cost and does not end. What the readings fix it leaves alone: it moves
 //! an estimate by `(WEAK/s)²` of its distance from the start. How it ended is a value, not an error.
 
+use super::triangle::triangle;
 use nalgebra::{DMatrix, DVector};
 
 /// Weakest singular value that counts: beyond 3.3 typical sizes of uncertainty nothing is learnt.
@@ -73,18 +74,20 @@ pub struct Solution {
     pub iterations: usize,
 }
 
-/// Minimises from `start`.
+/// Minimises from `start`, with the prior about `centre`: where it ends depends on that alone, how soon on both.
 pub fn solve(
     problem: &dyn Problem,
     start: &[f64],
+    centre: &[f64],
     mut on_step: impl FnMut(usize, f64),
 ) -> Solution {
-    let mut p: Vec<f64> = start
-        .iter()
-        .zip(problem.bounds())
-        .map(|(&p, &(lower, upper))| p.clamp(lower, upper))
-        .collect();
-    let centre = p.clone();
+    let within = |p: &[f64]| -> Vec<f64> {
+        p.iter()
+            .zip(problem.bounds())
+            .map(|(&p, &(lower, upper))| p.clamp(lower, upper))
+            .collect()
+    };
+    let (mut p, centre) = (within(start), within(centre));
     let mut linear = problem.linearise(&p);
     let mut damping = 0.0;
     for iteration in 0..ITERATIONS {
@@ -202,8 +205,10 @@ fn bounded_step(problem: &dyn Problem, linear: &Linear, p: &[f64], damping: f64)
                 right += linear.factor.column(k) * *step;
             }
         }
-        let factor = linear.factor.select_columns(&free);
-        let reduced = least_squares(factor, &right, damping);
+        let reduced = match whole_step(problem, linear, damping).filter(|_| free.len() == n) {
+            Some(step) => step,
+            None => least_squares(linear.factor.select_columns(&free), &right, damping),
+        };
         let mut step = DVector::zeros(n);
         for (k, value) in fixed.iter().enumerate() {
             step[k] = value.unwrap_or(0.0);
@@ -222,6 +227,17 @@ fn bounded_step(problem: &dyn Problem, linear: &Linear, p: &[f64], damping: f64)
             return step;
         }
     }
+}
+
+/// The step of all parameters by back substitution, where the prior keeps every direction's singular value above what
+/// rounding could make of it.
+fn whole_step(problem: &dyn Problem, linear: &Linear, damping: f64) -> Option<DVector<f64>> {
+    let factor = &linear.factor;
+    let sure = problem.prior() > ROUNDING * factor.norm();
+    let square = factor.nrows() == factor.ncols();
+    (damping == 0.0 && square && sure)
+        .then(|| factor.solve_upper_triangular(&-&linear.right))
+        .flatten()
 }
 
 /// `x` that minimises `‖A x + b‖² + damping ‖x‖²` over the directions that count.
@@ -333,12 +349,4 @@ pub fn reduce(blocks: impl IntoIterator<Item = DMatrix<f64>>, columns: usize) ->
             .into_owned(),
         rest,
     }
-}
-
-/// The upper triangular factor of a matrix; those with fewer rows than columns are small enough as they are.
-pub fn triangle(matrix: DMatrix<f64>) -> DMatrix<f64> {
-    if matrix.nrows() < matrix.ncols() {
-        return matrix;
-    }
-    matrix.qr().r()
 }

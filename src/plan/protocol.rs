@@ -89,6 +89,7 @@ impl Protocol {
                             },
                         ),
                         payload: *load,
+                        process: None,
                     });
                 }
             }

@@ -321,6 +321,7 @@ impl Contents {
             orientation,
             wrench,
             payload,
+            process: None,
         })
     }
 }

@@ -1,5 +1,6 @@
 //! Results for people (terminal) and for programs (JSON).
 
+pub mod compensate;
 pub mod diagnosis;
 pub mod fit;
 pub mod format;

@@ -106,6 +106,7 @@ pub(crate) mod stream {
     pub const WORKSPACE: u128 = 5;
     pub const SWEEP: u128 = 6;
     pub const OUTLIERS: u128 = 7;
+    pub const COMPENSATION: u128 = 8;
 }
 
 /// All readings of a scenario, in the order in which they are taken.

@@ -1,5 +1,6 @@
 //! Scenarios: a robot, its hidden truth, a measurement campaign, the model to fit, and what is expected.
 
+pub mod compensated;
 pub mod design;
 pub mod efficiency;
 pub mod expect;
@@ -65,6 +66,8 @@ pub struct Scenario {
     pub workspace: Option<workspace::Workspace>,
     /// Other designs, to say what they could do instead: title and design.
     pub instead: Vec<(String, Design)>,
+    /// Poses to be commanded with and without correction, if wanted.
+    pub compensate: Option<compensated::Compensate>,
     /// What must come out.
     pub expect: Expect,
     /// Blind cases to draw from it, if it is a sweep.

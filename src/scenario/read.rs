@@ -43,6 +43,7 @@ struct OwnKeys {
     #[serde(default)]
     compare_paper: bool,
     workspace: Option<Workspace>,
+    compensate: Option<super::compensated::Compensate>,
     #[serde(default)]
     instead: Vec<InsteadEntry>,
     #[serde(default)]
@@ -193,7 +194,13 @@ impl Scenario {
         if let Some(blind) = &own.blind {
             blind.check().map_err(&form)?;
         }
+        if let Some(compensate) = &own.compensate {
+            compensate.check().map_err(&form)?;
+        }
         own.expect.check(own.campaigns.is_some()).map_err(&form)?;
+        own.expect
+            .check_compensation(own.compensate.as_ref())
+            .map_err(&form)?;
         if own
             .campaigns
             .is_some_and(|n| !(1..=MOST_CAMPAIGNS).contains(&n))
@@ -231,6 +238,7 @@ impl Scenario {
             compare_paper: own.compare_paper,
             workspace: own.workspace,
             instead,
+            compensate: own.compensate,
             expect: own.expect,
             blind: own.blind,
             truth_tables: own.truth,

@@ -182,6 +182,7 @@ fn take(
             mass: load.mass,
             com: load.com,
         }),
+        process: None,
     })
 }
 

@@ -1,0 +1,206 @@
+//! `misfit compensate`.
+
+use super::{Outcome, print, print_json, progress, usage};
+use crate::campaign::{Campaign, Reading, read_tasks, render_commands, write_atomically};
+use crate::compensation::{Corrected, End, Reach, Robot, correct, posture};
+use crate::fit::{self, Options};
+use crate::model::{Model, Workspace, pose_numbers};
+use crate::plan::Limits;
+use crate::plan::space::{Space, generator};
+use crate::{model_file, recording, report};
+use anyhow::Context;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+use std::io::Write;
+use std::path::PathBuf;
+
+/// Correct commands, so that under load the robot arrives at its poses: everything fitted is compensated.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  misfit compensate cell3.toml --tasks poses.csv -o commands.csv
+  misfit compensate cell3.toml --tasks poses.csv --effects +backlash
+  misfit compensate cell3.toml --tasks poses.csv --frame base --hold torso
+
+The table of tasks has the columns of a campaign's: x_mm y_mm z_mm qw qx qy qz is the pose wanted of
+the target (without qw … any orientation will do), payload_kg … the load, approach_<joint> where the
+joints come from, <joint>_deg the posture to stay near. fx_N … is the load's wrench, or beside a
+payload what pulls besides its weight.")]
+pub struct Arguments {
+    /// Campaign that the model is fitted to: a .toml file with its table, or a .mcap recording.
+    campaign: PathBuf,
+    /// Table of tasks: wanted poses and loads.
+    #[arg(long, value_name = "TASKS.csv")]
+    tasks: PathBuf,
+    /// Effects of the model, comma-separated; a leading + adds to the default.
+    #[arg(long, value_name = "A,B,…", allow_hyphen_values = true)]
+    effects: Option<String>,
+    /// Model file with [[effect]] tables, values to start from or to hold.
+    #[arg(long, value_name = "M.toml")]
+    model: Option<PathBuf>,
+    /// Frame in which the poses are given.
+    #[arg(long, value_enum, default_value_t = Given::Tracker)]
+    frame: Given,
+    /// Joints that stay where the tasks have them.
+    #[arg(long, value_name = "A,B,…")]
+    hold: Option<String>,
+    /// Limits file: joint ranges and fixed joints, as for `misfit plan`.
+    #[arg(long, value_name = "LIMITS.toml")]
+    limits: Option<PathBuf>,
+    /// Commands to write: a .csv table or a .mcap recording.
+    #[arg(short, long, value_name = "FILE", value_parser = output_path)]
+    output: Option<PathBuf>,
+    /// Print the result as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Given {
+    /// The tracker's, as readings are.
+    Tracker,
+    /// The robot's base, standing where the fit finds it.
+    Base,
+}
+
+fn output_path(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension().and_then(|ending| ending.to_str()) {
+        Some("csv" | "mcap") => Ok(path),
+        _ => Err("accepted: a path ending in .csv or .mcap".to_owned()),
+    }
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let spinner = progress::spinner();
+    let campaign = Campaign::load(&arguments.campaign)?;
+    let (mut tasks, named) = read_tasks(&arguments.tasks, &campaign)?;
+    let model = model_file::model(
+        &campaign,
+        arguments.effects.as_deref(),
+        arguments.model.as_deref(),
+    )?;
+    let robot_joints = &campaign.robot.joints;
+    let mut held = Vec::new();
+    for word in arguments.hold.iter().flat_map(|list| list.split(',')) {
+        let known = || {
+            robot_joints
+                .iter()
+                .map(|j| j.name.as_str())
+                .collect::<Vec<_>>()
+        };
+        let joint = robot_joints
+            .iter()
+            .position(|joint| joint.name == word.trim());
+        held.push(joint.ok_or_else(|| {
+            usage(format!(
+                "--hold {word}: no such joint; accepted: {}",
+                known().join(", ")
+            ))
+        })?);
+    }
+    let mut space = Space::within_limits(&campaign.robot, 0.0);
+    space.least_height = f64::NEG_INFINITY;
+    if let Some(path) = &arguments.limits {
+        Limits::load(path, &campaign.robot, &mut space)?;
+    }
+    spinner.set_message("fitting");
+    let options = Options {
+        cross_validate: false,
+    };
+    let found = fit::fit(&campaign, &model, &options, |_| {})?;
+    let robot = Robot::new(&model, &found.values);
+    if arguments.frame == Given::Base {
+        let tracker_from_base = base_from_tracker(&model, &found.values).inverse();
+        for task in &mut tasks {
+            let turn = task.orientation.unwrap_or_else(UnitQuaternion::identity);
+            let pose =
+                tracker_from_base * Isometry3::from_parts(Translation3::from(task.position), turn);
+            task.position = pose.translation.vector;
+            task.orientation = task.orientation.map(|_| pose.rotation);
+        }
+    }
+    spinner.set_message("correcting");
+    let corrected: Vec<Corrected> = tasks
+        .par_iter_mut()
+        .enumerate()
+        .map(|(index, task)| {
+            let mut workspace = Workspace::new(&model.setup);
+            let chain = model
+                .setup
+                .robot
+                .chain(model.setup.target_body(task.target));
+            let moving = chain.into_iter().filter(|joint| {
+                !held.contains(joint) && space.ranges[*joint].0 < space.ranges[*joint].1
+            });
+            let reach = Reach {
+                moving: moving.collect(),
+                ranges: space.ranges.clone(),
+            };
+            if !named {
+                let mut random = generator(1, index as u128);
+                task.joints = posture(&mut workspace, &robot, task, (&space, &reach), &mut random);
+            }
+            correct(&mut workspace, &robot, Some(&found), task, &reach)
+        })
+        .collect();
+    spinner.finish_and_clear();
+    let mut written = None;
+    if let Some(path) = &arguments.output {
+        // only what arrives: a robot must not be sent anywhere else
+        let readings = tasks
+            .iter()
+            .zip(&corrected)
+            .filter(|(_, c)| c.command.end == End::Reached);
+        let mut commands = campaign.clone();
+        commands.readings = readings
+            .map(|(task, c)| Reading {
+                joints: c.command.joints.clone(),
+                ..task.clone()
+            })
+            .collect();
+        let count = commands.readings.len();
+        if path.extension().is_some_and(|ending| ending == "mcap") {
+            recording::write_campaign(&commands, path, &Default::default(), &[])?;
+        } else {
+            let bytes = render_commands(&commands)?;
+            write_atomically(path, |file| file.write_all(&bytes))
+                .with_context(|| format!("{}: cannot be written", path.display()))?;
+        }
+        written = Some(format!("{} · {} commands", path.display(), count));
+    }
+    if arguments.json {
+        print_json(&report::compensate::document(&campaign, &tasks, &corrected))?;
+    } else {
+        let effects: Vec<&str> = model.terms.iter().map(|t| t.effect.id()).collect();
+        let ground = format!(
+            "{}, fitted to {} readings, {} rms",
+            effects.join(" + "),
+            found.readings.0,
+            report::format::length(found.fit.position_rms_m)
+        );
+        let text =
+            report::compensate::text(&campaign, &tasks, &corrected, &ground, written.as_deref());
+        print(&text)?;
+    }
+    let all = corrected.iter().all(|c| c.command.end == End::Reached);
+    Ok(if all && found.converged {
+        Outcome::Done
+    } else {
+        Outcome::Missed
+    })
+}
+
+/// Where the tracker stands in the base frame.
+fn base_from_tracker(model: &Model, values: &[f64]) -> Isometry3<f64> {
+    let numbers = model.term("tracker_frame").map_or_else(
+        || pose_numbers(&Isometry3::identity()),
+        |term| {
+            let mut six = [0.0; 6];
+            six.copy_from_slice(term.of(values));
+            six
+        },
+    );
+    let [x, y, z, rx, ry, rz] = numbers;
+    Isometry3::new(Vector3::new(x, y, z), Vector3::new(rx, ry, rz))
+}
