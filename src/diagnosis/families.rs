@@ -93,6 +93,22 @@ impl Family {
         }
     }
 
+    /// Log evidence of it and a widened one together, nats: in all places, or in one.
+    pub fn with_widened(&self, wide: &Self, information: &Information) -> f64 {
+        let both = |own: &Range<usize>, wide: &Range<usize>| {
+            let score = information.score(own);
+            let more = information.given(own, score.scale).score(wide);
+            score.log_evidence + more.log_evidence
+        };
+        let all = both(&self.columns, &wide.columns);
+        if self.groups.len() < 2 {
+            return all;
+        }
+        let alone = self.groups.iter().zip(&wide.groups);
+        let alone: Vec<f64> = alone.map(|(own, wide)| both(own, wide)).collect();
+        log_mean(&[all, log_mean(&alone)])
+    }
+
     /// The same effect, in this form or another?
     pub fn is_form_of(&self, other: &Self) -> bool {
         self.effect.id() == other.effect.id()

@@ -68,11 +68,9 @@ impl Form {
         let against = against(without, &gram);
         let information = gram.families(against.variance);
         let score = usual.score(&information, &against);
-        let beside = information.given(&usual.columns, score.scale);
-        let more = wide.score(&beside, &against).log_evidence;
         Self {
             usual: score.log_evidence,
-            free: score.log_evidence + more.max(0.0),
+            free: usual.with_widened(&wide, &information),
         }
     }
 }
