@@ -311,7 +311,10 @@ fn fit_from(
         });
     }
     let start = start_values(campaign, model, &fitted);
-    if let Some(error) = no_number(campaign, model, &start, false) {
+    // of the fitted ones the estimate sees to it
+    if !heldout.is_empty()
+        && let Some(error) = no_number(campaign, model, &start, false)
+    {
         return Err(error);
     }
     let estimate = estimate(campaign, model, &fitted, start, near, &mut on_step)?;
@@ -443,10 +446,11 @@ fn estimate(
         workspace.predict(model, &start, reading).settled
     });
     if let Some(first) = settled.iter().position(|settled| !settled) {
-        return Err(FitError::NoEquilibrium {
+        let lost = no_number(campaign, model, &start, false);
+        return Err(lost.unwrap_or_else(|| FitError::NoEquilibrium {
             campaign: campaign.name.clone(),
             line: readings[first].line,
-        });
+        }));
     }
     let with_orientation = readings.iter().any(|reading| reading.orientation.is_some());
     let groups = noise::replicate_groups(campaign, readings);
