@@ -34,6 +34,7 @@ pub use next::{NextError, POSES, next_poses};
 pub use patterns::Pattern;
 pub use power::Power;
 use prediction::{Folds, Gain};
+use rayon::prelude::*;
 use ripple::Wave;
 use score::{Against, Gram, Information};
 use std::sync::Arc;
@@ -603,7 +604,7 @@ fn analyse(
     let against = against(fit, &gram);
     let information = gram.families(against.variance);
     let scores: Vec<FamilyScore> = families
-        .iter()
+        .par_iter()
         .map(|family| family.score(&information, &against))
         .collect();
     // waves of the usual cycles, or those found?
@@ -645,12 +646,14 @@ fn analyse(
         }
         first
     });
-    let power = Power {
-        rows: gram.rows,
-        taken: gram.rank,
-        ..Power::of(campaign)
+    let see = || {
+        let power = Power {
+            rows: gram.rows,
+            taken: gram.rank,
+            ..Power::of(campaign)
+        };
+        power.seeing(&families, &scores, &tried, &information)
     };
-    let power = power.seeing(&families, &scores, &tried, &information);
     let left = (gram.rows - gram.rank) as f64;
     let excess = (gram.misfit() / against.variance - left).max(1.0);
     let mut candidates: Vec<Candidate> = tried
@@ -697,7 +700,8 @@ fn analyse(
             patterns::patterns(&field, fit, &motions, &against),
         )
     };
-    let ((set, near, gain, one_form), (contrasts, patterns)) = rayon::join(find, test);
+    let ((set, near, gain, one_form), ((contrasts, patterns), power)) =
+        rayon::join(find, || rayon::join(test, see));
     let lack_of_fit = match fit.noise.source {
         // measured against itself nothing is left over
         Source::Residual => 1.0,

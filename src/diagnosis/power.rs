@@ -5,6 +5,7 @@ use super::families::{Family, FamilyScore};
 use super::score::Information;
 use crate::campaign::Campaign;
 use crate::fit::pose_key;
+use rayon::prelude::*;
 use std::collections::BTreeSet;
 
 /// Sizes up to which one effect may stand in for another, typical ones.
@@ -82,7 +83,7 @@ impl Power {
         information: &Information,
     ) -> Self {
         let of = |&other: &usize| information.factor(&families[other].columns, STRETCH);
-        let factors: Vec<_> = tried.iter().map(of).collect();
+        let factors: Vec<_> = tried.par_iter().map(of).collect();
         let alone = |&&family: &&usize| {
             let own = &families[family].columns;
             let others = tried.iter().zip(&factors);
@@ -103,7 +104,7 @@ impl Power {
         let once: Vec<&usize> = (0..seen.len()).filter(first).map(|k| seen[k]).collect();
         Self {
             visible: once.len(),
-            apart: once.iter().filter(|family| alone(family)).count(),
+            apart: once.par_iter().filter(|family| alone(family)).count(),
             ..self
         }
     }

@@ -6,6 +6,7 @@
 use super::ALARM;
 use super::families::{Family, FamilyScore};
 use super::score::{Against, Information};
+use rayon::prelude::*;
 
 /// Sets that are followed further at each size.
 const BEAM: usize = 6;
@@ -43,11 +44,13 @@ pub fn search(
                 let same = |&member: &usize| families[member].is_form_of(&families[index]);
                 set.members.iter().any(same)
             };
-            for &index in tried.iter().filter(|index| !is_in(index)) {
+            let scored = |&index: &usize| {
                 let score = families[index].score(&set.information, against);
-                if !score.is_sure(ALARM, tried.len()) {
-                    continue;
-                }
+                score.is_sure(ALARM, tried.len()).then_some((index, score))
+            };
+            let others = tried.par_iter().filter(|index| !is_in(index));
+            let sure: Vec<(usize, FamilyScore)> = others.filter_map(scored).collect();
+            for (index, score) in sure {
                 let mut members = set.members.clone();
                 members.push(index);
                 let total = set.log_evidence + score.log_evidence;
