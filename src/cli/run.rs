@@ -134,18 +134,12 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
         report::run::checks(&checks)
     );
     let document = RunDocument {
-        schema: "misfit.run/1",
-        scenario: scenario.name.clone(),
-        seed: scenario.seed,
         fit: Some(report::json::fit(&found, Some(&baseline))),
         truth: compared,
         paper: by_paper.as_ref().map(report::paper::document),
         workspace: survey,
         instead,
-        study: None,
-        compensation: Vec::new(),
-        passed: checks.iter().all(|check| check.met),
-        expect: checks,
+        ..RunDocument::new(scenario, checks)
     };
     Ok((document, text))
 }
@@ -194,18 +188,8 @@ fn study(scenario: &Scenario, campaigns: usize) -> anyhow::Result<(RunDocument, 
         report::run::checks(&checks)
     );
     let document = RunDocument {
-        schema: "misfit.run/1",
-        scenario: scenario.name.clone(),
-        seed: scenario.seed,
-        fit: None,
-        truth: Vec::new(),
-        paper: None,
-        workspace: Vec::new(),
-        instead: Vec::new(),
         study: Some(report::run::study_document(&study)),
-        compensation: Vec::new(),
-        passed: checks.iter().all(|check| check.met),
-        expect: checks,
+        ..RunDocument::new(scenario, checks)
     };
     Ok((document, text))
 }
@@ -227,18 +211,8 @@ fn corrections(scenario: &Scenario, wanted: &Compensate) -> anyhow::Result<(RunD
         .map(|corrections| report::run::corrections_document(corrections, wanted.list))
         .collect();
     let document = RunDocument {
-        schema: "misfit.run/1",
-        scenario: scenario.name.clone(),
-        seed: scenario.seed,
-        fit: None,
-        truth: Vec::new(),
-        paper: None,
-        workspace: Vec::new(),
-        instead: Vec::new(),
-        study: None,
         compensation: documents,
-        passed: checks.iter().all(|check| check.met),
-        expect: checks,
+        ..RunDocument::new(scenario, checks)
     };
     Ok((document, text))
 }

@@ -42,6 +42,26 @@ pub struct RunDocument {
     pub passed: bool,
 }
 
+impl RunDocument {
+    /// A run of which nothing is told yet but how its expectations were met.
+    pub fn new(scenario: &Scenario, expect: Vec<Check>) -> Self {
+        Self {
+            schema: "misfit.run/1",
+            scenario: scenario.name.clone(),
+            seed: scenario.seed,
+            fit: None,
+            truth: Vec::new(),
+            paper: None,
+            workspace: Vec::new(),
+            instead: Vec::new(),
+            study: None,
+            compensation: Vec::new(),
+            passed: expect.iter().all(|check| check.met),
+            expect,
+        }
+    }
+}
+
 /// Cramér-Rao bounds of one design.
 #[derive(Debug, Serialize)]
 pub struct Instead {
