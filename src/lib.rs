@@ -15,6 +15,7 @@ pub mod model_file;
 pub mod mujoco;
 pub mod plan;
 pub mod plant;
+pub mod plot;
 pub mod posture;
 pub mod recording;
 pub mod report;

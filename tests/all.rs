@@ -18,6 +18,7 @@ mod house;
 mod kinematics;
 mod plan;
 mod plant;
+mod plot;
 mod recording;
 mod robot;
 mod sweep;
