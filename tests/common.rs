@@ -369,6 +369,7 @@ impl Twins {
             mass: payload.mass,
             com: payload.com,
             pull: Vector3::zeros(),
+            moment: Vector3::zeros(),
         });
         let command = Command {
             joints: reading.joints.clone(),

@@ -297,7 +297,7 @@ fn errors_of_the_measurement_are_not_compensated() {
     }
 }
 
-/// A process force beside the payload's weight: MuJoCo has it as a pull at the payload's centre.
+/// A process wrench beside the payload's weight: MuJoCo has it as a pull and a moment at the payload's centre.
 #[test]
 fn a_process_wrench_pulls_beside_the_weight() {
     let setup = sda5f();
@@ -307,6 +307,7 @@ fn a_process_wrench_pulls_beside_the_weight() {
         let mut reading = task(&setup, 0, &mut random);
         reading.payload = Some(payload(2.0));
         let pull = Vector3::from_fn(|_, _| random.random_range(-30.0..30.0));
+        let moment = Vector3::from_fn(|_, _| random.random_range(-3.0..3.0));
         let state = twins
             .plant
             .state(&misfit::plant::Command {
@@ -317,6 +318,7 @@ fn a_process_wrench_pulls_beside_the_weight() {
                     mass: 2.0,
                     com: payload(2.0).com,
                     pull,
+                    moment,
                 }],
                 time: 0.0,
                 temperature: 0.0,
@@ -326,7 +328,7 @@ fn a_process_wrench_pulls_beside_the_weight() {
         let force = reached.rotation.inverse() * pull;
         reading.process = Some(Wrench {
             force,
-            torque: payload(2.0).com.cross(&force),
+            torque: payload(2.0).com.cross(&force) + reached.rotation.inverse() * moment,
         });
         let predicted = twins.predict(&reading);
         let predicted = Isometry3::from_parts(

@@ -146,6 +146,7 @@ fn load(target: usize, mass: f64, com: [f64; 3]) -> Load {
         mass,
         com: Vector3::from(com),
         pull: Vector3::zeros(),
+        moment: Vector3::zeros(),
     }
 }
 
@@ -293,16 +294,18 @@ fn links_are_where_the_chain_of_frames_puts_them() {
 }
 
 #[test]
-fn wrenches_are_the_weight_and_pull_at_the_links_origin() {
+fn wrenches_are_the_weight_pull_and_moment_at_the_links_origin() {
     let mut plant = Plant::build(&two_arms_spec()).unwrap();
     let mut loads = both_loads(1);
     loads[1].pull = Vector3::new(3.0, 40.0, -7.0);
+    loads[1].moment = Vector3::new(0.4, -0.2, 0.9);
     // A second load on the same target.
     loads.push(Load {
         target: 0,
         mass: 0.7,
         com: Vector3::new(0.3, 0.0, 0.0),
         pull: Vector3::new(0.0, 9.0, 0.0),
+        moment: Vector3::zeros(),
     });
     let state = plant.state(&command(angles(1), loads.clone())).unwrap();
     for target in 0..2 {
@@ -311,7 +314,7 @@ fn wrenches_are_the_weight_and_pull_at_the_links_origin() {
         for load in loads.iter().filter(|load| load.target == target) {
             let local = pose.rotation.inverse() * (gravity() * load.mass + load.pull);
             force += local;
-            torque += load.com.cross(&local);
+            torque += load.com.cross(&local) + pose.rotation.inverse() * load.moment;
         }
         assert!((state.wrenches[target].force - force).norm() < 1e-12);
         assert!((state.wrenches[target].torque - torque).norm() < 1e-12);

@@ -112,7 +112,7 @@ pub struct Command {
     pub temperature: f64,
 }
 
-/// A dead weight on a target's link, and a pull in the base frame at its centre.
+/// A dead weight on a target's link, and a pull and a moment in the base frame at its centre.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Load {
     /// Index into the plant's targets.
@@ -123,6 +123,8 @@ pub struct Load {
     pub com: Vector3<f64>,
     /// Force at that centre, in the base frame, N (a rope over a pulley).
     pub pull: Vector3<f64>,
+    /// Moment beside it, in the base frame, N·m (a tool that cuts).
+    pub moment: Vector3<f64>,
 }
 
 /// The robot at rest under a command.
@@ -262,8 +264,8 @@ struct TargetIds {
 struct Hanging {
     mass: f64,
     com: Vector3<f64>,
-    /// Point in the link's frame and force in the base frame.
-    pulls: Vec<(Vector3<f64>, Vector3<f64>)>,
+    /// Point in the link's frame, force and moment in the base frame.
+    pulls: Vec<(Vector3<f64>, Vector3<f64>, Vector3<f64>)>,
 }
 
 impl Plant {
@@ -376,9 +378,9 @@ impl Plant {
         statics::solve(&mut self.data, &layout.springs, |data| {
             data.qfrc_applied_mut().fill(0.0);
             for (target, hanging) in layout.targets.iter().zip(hanging) {
-                for (point, force) in &hanging.pulls {
+                for (point, force, moment) in &hanging.pulls {
                     let point = data.body_pose(target.load)? * nalgebra::Point3::from(*point);
-                    data.apply_force(target.load, &point.coords, force, &Vector3::zeros())?;
+                    data.apply_force(target.load, &point.coords, force, moment)?;
                 }
             }
             if !layout.torque_laws.is_empty() {
@@ -431,8 +433,8 @@ impl Plant {
                     load.com
                 };
                 hanging.mass = mass;
-                if load.pull != Vector3::zeros() {
-                    hanging.pulls.push((load.com, load.pull));
+                if load.pull != Vector3::zeros() || load.moment != Vector3::zeros() {
+                    hanging.pulls.push((load.com, load.pull, load.moment));
                 }
             }
             self.data.set_body_mass(target.load, hanging.mass)?;
@@ -450,10 +452,10 @@ impl Plant {
             // The sensors know of forces on bodies, not of those put on joints.
             let com = self.data.body_com(target.load)?;
             let (mut force, mut torque) = (Vector3::zeros(), Vector3::zeros());
-            for (point, pull) in &hanging.pulls {
+            for (point, pull, moment) in &hanging.pulls {
                 let arm = (pose * nalgebra::Point3::from(*point)).coords - com;
                 force += pull;
-                torque += arm.cross(pull);
+                torque += moment + arm.cross(pull);
             }
             self.data
                 .set_external_wrench(target.load, &force, &torque)?;
@@ -589,9 +591,10 @@ impl Layout {
                 .com
                 .iter()
                 .chain(load.pull.iter())
+                .chain(load.moment.iter())
                 .all(|x| x.is_finite())
             {
-                return wrong("a load with a centre or pull that is not finite".to_owned());
+                return wrong("a load with a centre, pull or moment that is not finite".to_owned());
             }
         }
         Ok(())

@@ -76,6 +76,7 @@ impl DesignLoad {
             mass: self.mass,
             com: self.com,
             pull: self.pull,
+            moment: Vector3::zeros(),
         }
     }
 }
