@@ -6,10 +6,11 @@ use crate::model_file;
 use crate::report;
 use crate::report::run::{Instead, RunDocument};
 use crate::scenario::compensated::{self, Compensate};
-use crate::scenario::expect::{check_compensation, check_fit, check_study, compare};
+use crate::scenario::control_loop::{self, ControlLoop, Looped};
+use crate::scenario::expect::{check_compensation, check_fit, check_loop, check_study, compare};
 use crate::scenario::{Scenario, efficiency, simulate::truth_text, workspace};
 use anyhow::Context;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Run a scenario: simulate, fit, compare with the truth, and check what it expects.
 #[derive(Debug, clap::Args)]
@@ -50,10 +51,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         .campaigns
         .map(|n| n as usize)
         .or(scenario.campaigns);
-    let (document, text) = match (campaigns, &scenario.compensate) {
-        (Some(campaigns), _) => study(&scenario, campaigns)?,
-        (None, Some(wanted)) => corrections(&scenario, wanted)?,
-        (None, None) => fit_once(arguments, &scenario)?,
+    let (document, text) = match (campaigns, &scenario.compensate, &scenario.control_loop) {
+        (Some(campaigns), ..) => study(&scenario, campaigns)?,
+        (None, Some(wanted), _) => corrections(&scenario, wanted)?,
+        (None, None, Some(wanted)) => loops(arguments, &scenario, wanted)?,
+        (None, None, None) => fit_once(arguments, &scenario)?,
     };
     if let Some(folder) = &arguments.output {
         std::fs::create_dir_all(folder)
@@ -215,4 +217,68 @@ fn corrections(scenario: &Scenario, wanted: &Compensate) -> anyhow::Result<(RunD
         ..RunDocument::new(scenario, checks)
     };
     Ok((document, text))
+}
+
+/// Poses held in a control loop, in MuJoCo.
+fn loops(
+    arguments: &Arguments,
+    scenario: &Scenario,
+    wanted: &ControlLoop,
+) -> anyhow::Result<(RunDocument, String)> {
+    let bar = progress::bar(control_loop::runs(wanted) as u64, "runs");
+    let found = control_loop::hold(scenario, wanted, || bar.inc(1))?;
+    bar.finish_and_clear();
+    if let Some(folder) = &arguments.output {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("{}: cannot be made", folder.display()))?;
+        keep_loops(folder, scenario, wanted, &found)?;
+    }
+    let checks = check_loop(&scenario.expect, &found);
+    let text = format!(
+        "{}\n{}{}",
+        title(scenario),
+        report::control_loop::text(scenario, wanted, &found),
+        report::run::checks(&checks)
+    );
+    let documents = found.iter();
+    let documents = documents
+        .map(|looped| report::control_loop::document(wanted, looped))
+        .collect();
+    let document = RunDocument {
+        loops: documents,
+        ..RunDocument::new(scenario, checks)
+    };
+    Ok((document, text))
+}
+
+/// Every tick as a table, and each filter's runs as a recording.
+fn keep_loops(
+    folder: &Path,
+    scenario: &Scenario,
+    wanted: &ControlLoop,
+    found: &[Looped],
+) -> anyhow::Result<()> {
+    let path = folder.join(format!("{}.loop.csv", scenario.name));
+    crate::campaign::write_atomically(&path, |out| {
+        report::control_loop::write_csv(scenario, wanted, found, out)
+    })
+    .with_context(|| format!("{}: cannot be written", path.display()))?;
+    for (model, looped) in found.iter().enumerate() {
+        for (filter, filtered) in looped.filters.iter().enumerate() {
+            if looped.poses == 0 {
+                continue; // nothing was held
+            }
+            let campaign = control_loop::recorded(scenario, wanted, looped, filter);
+            let name = format!("{} {} {}", model + 1, filter + 1, filtered.filter);
+            let words = name.split(|c: char| !c.is_alphanumeric());
+            let words: Vec<&str> = words.filter(|word| !word.is_empty()).collect();
+            let path = folder.join(format!(
+                "{}.loop_{}.mcap",
+                scenario.name,
+                words.join("_").to_lowercase()
+            ));
+            simulate::write_recording(scenario, &campaign, &path)?;
+        }
+    }
+    Ok(())
 }

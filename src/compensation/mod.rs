@@ -5,6 +5,8 @@
 //! measurement alone; the error before is that of the commands that the nominal robot, standing where the fit says, would
 //! be given.
 
+pub mod controller;
+pub mod filter;
 mod inverse;
 
 pub use inverse::{End, Found, Reach, error, solve};

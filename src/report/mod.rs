@@ -1,6 +1,7 @@
 //! Results for people (terminal) and for programs (JSON).
 
 pub mod compensate;
+pub mod control_loop;
 pub mod diagnosis;
 pub mod fit;
 pub mod format;

@@ -1,5 +1,6 @@
 //! A scenario's run on the terminal, and as JSON.
 
+use super::control_loop::LoopDocument;
 use super::format::{angle, count, length, number, render, table, wrap};
 use super::json::FitDocument;
 use super::paper::PaperDocument;
@@ -36,6 +37,9 @@ pub struct RunDocument {
     pub study: Option<StudyDocument>,
     /// Corrected commands by model, if asked for.
     pub compensation: Vec<CorrectionsDocument>,
+    /// Control loops by model, if asked for.
+    #[serde(rename = "loop")]
+    pub loops: Vec<LoopDocument>,
     /// Expectations.
     pub expect: Vec<Check>,
     /// All expectations met?
@@ -56,6 +60,7 @@ impl RunDocument {
             instead: Vec::new(),
             study: None,
             compensation: Vec::new(),
+            loops: Vec::new(),
             passed: expect.iter().all(|check| check.met),
             expect,
         }
@@ -107,7 +112,7 @@ pub fn corrections_document(corrections: &Corrections, list: bool) -> Correction
 }
 
 /// A model's name for people.
-fn name(model: &str) -> &str {
+pub(super) fn model_name(model: &str) -> &str {
     match model {
         "default" => "default model",
         "true" => "the truth",
@@ -142,7 +147,7 @@ pub fn corrections(scenario: &Scenario, wanted: &Compensate, all: &[Corrections]
         let (before, after) = corrections.rms();
         let most = corrections.most();
         rows.add_row(vec![
-            name(&corrections.model).to_owned(),
+            model_name(&corrections.model).to_owned(),
             length(before.position_m),
             length(after.position_m),
             percent(corrections.reduction()),
@@ -161,7 +166,7 @@ pub fn corrections(scenario: &Scenario, wanted: &Compensate, all: &[Corrections]
         let line = format!(
             "{} out of reach of commands that the {} corrects, within the joints' limits: left out above",
             count(corrections.unreached, "pose"),
-            name(&corrections.model)
+            model_name(&corrections.model)
         );
         let _ = writeln!(out, "{}", wrap(&line, 2));
     }
@@ -384,7 +389,7 @@ pub fn instead(designs: &[Instead]) -> String {
     )
 }
 
-fn percent(share: f64) -> String {
+pub(super) fn percent(share: f64) -> String {
     // below a millionth of a per cent it is rounding
     if share.abs() < 1e-8 {
         return "< 1e-6 %".to_owned();

@@ -12,7 +12,7 @@ use crate::fit::{Fit, Options, fit};
 use crate::model::{Model, Prediction, Workspace};
 use crate::model_file;
 use crate::plan::space::{Space, generator};
-use crate::plant::{Command, Plant, PlantError, PlantSpec};
+use crate::plant::{Command, Plant, PlantError, PlantSpec, State};
 use nalgebra::{Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -76,7 +76,7 @@ pub struct Miss {
 }
 
 impl Miss {
-    fn of(twist: &Vector6<f64>) -> Self {
+    pub(super) fn of(twist: &Vector6<f64>) -> Self {
         Self {
             position_m: twist.fixed_rows::<3>(0).norm(),
             orientation_rad: twist.fixed_rows::<3>(3).norm(),
@@ -209,30 +209,11 @@ fn correct_by(
     campaign: &Campaign,
     name: &str,
 ) -> Result<Corrections, ScenarioError> {
-    let form = |message: String| ScenarioError::Form {
-        file: scenario.file.clone(),
-        message: format!("[compensate] models: {name}: {message}"),
-    };
     let of_plant = |source: PlantError| ScenarioError::Plant {
         file: scenario.file.clone(),
         source,
     };
-    let words = match name {
-        "default" => None,
-        "true" => Some(truth_words(scenario)),
-        words => Some(words.to_owned()),
-    };
-    let model = model_file::model(campaign, words.as_deref(), None);
-    let model = model.map_err(|error| form(error.to_string()))?;
-    let options = Options {
-        cross_validate: false,
-    };
-    let (values, found) = if name == "true" {
-        (true_values(scenario, &model), None)
-    } else {
-        let found = fit(campaign, &model, &options, |_| {}).map_err(|e| form(e.to_string()))?;
-        (found.values.clone(), Some(found))
-    };
+    let (model, values, found) = learn(scenario, campaign, "[compensate] models", name)?;
     let spec = simulate::plant_spec(scenario).map_err(of_plant)?;
     let tasks = tasks(scenario, wanted, &spec)?;
     let robot = Robot::new(&model, &values);
@@ -248,6 +229,35 @@ fn correct_by(
         arrivals: arrivals.into_iter().flatten().collect(),
         unreached,
     })
+}
+
+/// A model by the word that a scenario's `key` has for it, its numbers, and the fit that they are from, if it was fitted.
+pub(super) fn learn(
+    scenario: &Scenario,
+    campaign: &Campaign,
+    key: &str,
+    name: &str,
+) -> Result<(Model, Vec<f64>, Option<Fit>), ScenarioError> {
+    let form = |message: String| ScenarioError::Form {
+        file: scenario.file.clone(),
+        message: format!("{key}: {name}: {message}"),
+    };
+    let words = match name {
+        "default" => None,
+        "true" => Some(truth_words(scenario)),
+        words => Some(words.to_owned()),
+    };
+    let model = model_file::model(campaign, words.as_deref(), None);
+    let model = model.map_err(|error| form(error.to_string()))?;
+    if name == "true" {
+        let values = true_values(scenario, &model);
+        return Ok((model, values, None));
+    }
+    let options = Options {
+        cross_validate: false,
+    };
+    let found = fit(campaign, &model, &options, |_| {}).map_err(|e| form(e.to_string()))?;
+    Ok((model, found.values.clone(), Some(found)))
 }
 
 /// The effects that the plant has, as for `--effects`.
@@ -281,36 +291,69 @@ fn tasks(
     for target in 0..setup.targets.len() {
         for pose in 0..wanted.poses {
             let joints = random_posture(scenario, &mut random)?;
-            let link = &setup.robot.links[setup.targets[target].link];
-            let base_from_link = setup.robot.body_poses(&joints)[link.body] * link.body_from_link;
-            let seen = spec.base_from_tracker.inverse() * base_from_link * spec.targets[target].1;
             all.push(Asked {
-                task: Reading {
-                    line: 0,
-                    pose: Some(format!("{}", pose + 1)),
-                    repeat: None,
+                task: task(
+                    scenario,
+                    spec,
                     target,
-                    split: Split::Fit,
-                    time: None,
-                    temperature: None,
-                    link_temperatures: Vec::new(),
-                    approach: (scenario.design.directions > 1).then(|| vec![1.0; joints.len()]),
                     joints,
-                    position: seen.translation.vector,
-                    orientation: Some(seen.rotation),
-                    wrench: None,
-                    payload: Some(Payload {
-                        mass: load.mass,
-                        com: load.com,
-                    }),
-                    process: None,
-                },
+                    format!("{}", pose + 1),
+                    &load,
+                ),
                 load,
                 name: setup.targets[target].name.clone(),
             });
         }
     }
     Ok(all)
+}
+
+/// The pose of the nominal robot at a posture, standing and measured where the plant stands and is measured, to be held
+/// under a weight.
+pub(super) fn task(
+    scenario: &Scenario,
+    spec: &PlantSpec,
+    target: usize,
+    joints: Vec<f64>,
+    pose: String,
+    load: &DesignLoad,
+) -> Reading {
+    let setup = &scenario.setup;
+    let link = &setup.robot.links[setup.targets[target].link];
+    let base_from_link = setup.robot.body_poses(&joints)[link.body] * link.body_from_link;
+    let seen = spec.base_from_tracker.inverse() * base_from_link * spec.targets[target].1;
+    Reading {
+        line: 0,
+        pose: Some(pose),
+        repeat: None,
+        target,
+        split: Split::Fit,
+        time: None,
+        temperature: None,
+        link_temperatures: Vec::new(),
+        approach: (scenario.design.directions > 1).then(|| vec![1.0; joints.len()]),
+        joints,
+        position: seen.translation.vector,
+        orientation: Some(seen.rotation),
+        wrench: None,
+        payload: Some(Payload {
+            mass: load.mass,
+            com: load.com,
+        }),
+        process: None,
+    }
+}
+
+/// Where a state of the plant has a target, in the tracker's frame.
+pub(super) fn reached(spec: &PlantSpec, state: &State, target: usize) -> Prediction {
+    let reached =
+        spec.base_from_tracker.inverse() * state.base_from_link[target] * spec.targets[target].1;
+    Prediction {
+        position: reached.translation.vector,
+        orientation: reached.rotation,
+        wrench: Vector6::zeros(),
+        settled: true,
+    }
 }
 
 /// Commands the plant to a pose, before and after; none where the corrected command does not reach it.
@@ -342,16 +385,7 @@ fn arrive(
             time: 0.0,
             temperature: 0.0,
         })?;
-        let reached = spec.base_from_tracker.inverse()
-            * state.base_from_link[task.target]
-            * spec.targets[task.target].1;
-        let at = Prediction {
-            position: reached.translation.vector,
-            orientation: reached.rotation,
-            wrench: Vector6::zeros(),
-            settled: true,
-        };
-        Ok(error(&at, task))
+        Ok(error(&reached(spec, &state, task.target), task))
     };
     let before = missed(&corrected.nominal.joints)?;
     let after = missed(&corrected.command.joints)?;

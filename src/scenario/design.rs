@@ -108,6 +108,7 @@ pub(crate) mod stream {
     pub const SWEEP: u128 = 6;
     pub const OUTLIERS: u128 = 7;
     pub const COMPENSATION: u128 = 8;
+    pub const CONTROL_LOOP: u128 = 9;
 }
 
 /// All readings of a scenario, in the order in which they are taken.

@@ -2,6 +2,7 @@
 
 use super::Scenario;
 use super::compensated::{Compensate, Corrections};
+use super::control_loop::{ControlLoop, Looped};
 use super::efficiency::Study;
 use crate::fit::{Fit, Status};
 use crate::report::format::number;
@@ -31,6 +32,31 @@ pub struct Expect {
     /// Expectations of corrected commands.
     #[serde(default)]
     pub compensation: Vec<ExpectCompensation>,
+    /// Expectations of control loops.
+    #[serde(default, rename = "loop")]
+    pub loops: Vec<ExpectLoop>,
+}
+
+/// Expectation of a loop: one model with one filter.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExpectLoop {
+    /// One of `[loop] models`.
+    pub model: String,
+    /// One of its filters, by the name that the report gives it.
+    pub filter: String,
+    /// Range of the position's error, rms, µm.
+    pub position_rms_um: Option<[f64; 2]>,
+    /// Largest error of a position, µm.
+    pub position_max_um: Option<f64>,
+    /// Range of its part from noise, rms, µm.
+    pub noise_rms_um: Option<[f64; 2]>,
+    /// Range of its part from delay, rms, µm.
+    pub lag_rms_um: Option<[f64; 2]>,
+    /// Least share by which the error falls, rms, against commands corrected for the tool alone.
+    pub reduction: Option<f64>,
+    /// Most poses left out and ticks without a command; none if left out.
+    pub unreached: Option<usize>,
 }
 
 /// Expectation of the commands that one model corrects.
@@ -123,6 +149,15 @@ impl Expect {
 }
 
 impl Expect {
+    /// Is anything expected of a fit?
+    fn is_of_fit(&self) -> bool {
+        self.converged.is_some()
+            || self.fit_position_rms_mm.is_some()
+            || self.heldout_position_rms_mm.is_some()
+            || self.whitened_rms.is_some()
+            || !self.parameters.is_empty()
+    }
+
     /// Refuses expectations of commands in a scenario without any, of a model that corrects none, and those of a fit in
     /// a scenario that reports none.
     ///
@@ -145,12 +180,7 @@ impl Expect {
                 ));
             }
         }
-        let of_fit = self.converged.is_some()
-            || self.fit_position_rms_mm.is_some()
-            || self.heldout_position_rms_mm.is_some()
-            || self.whitened_rms.is_some()
-            || !self.parameters.is_empty();
-        if compensate.is_some() && of_fit {
+        if compensate.is_some() && self.is_of_fit() {
             return Err(
                 "[expect] of a fit in a scenario with [compensate], which reports commands; it would check nothing; \
                  accepted: [[expect.compensation]]"
@@ -212,6 +242,118 @@ pub fn check_compensation(expect: &Expect, found: &[Corrections]) -> Vec<Check> 
             &name("share by which the position error falls"),
             found.reduction(),
             least,
+        ));
+    }
+    checks
+}
+
+impl Expect {
+    /// Refuses expectations of loops in a scenario without any, of models and filters that it does not have, those that
+    /// expect nothing, and those of a fit in a scenario that reports none.
+    ///
+    /// # Errors
+    /// A sentence that names the key.
+    pub fn check_loop(&self, control_loop: Option<&ControlLoop>) -> Result<(), String> {
+        for wanted in &self.loops {
+            let Some(control_loop) = control_loop else {
+                return Err(
+                    "[[expect.loop]] is of a control loop, but the scenario has no [loop]; it would check nothing"
+                        .to_owned(),
+                );
+            };
+            let filters = control_loop.filter_names();
+            let known = [
+                ("model", &wanted.model, &control_loop.models),
+                ("filter", &wanted.filter, &filters),
+            ];
+            for (key, word, words) in known {
+                if !words.contains(word) {
+                    return Err(format!(
+                        "[[expect.loop]] {key} = \"{word}\"; accepted: one of those of [loop]: {}",
+                        words.join(" · ")
+                    ));
+                }
+            }
+            let idle = wanted.position_rms_um.is_none()
+                && wanted.position_max_um.is_none()
+                && wanted.noise_rms_um.is_none()
+                && wanted.lag_rms_um.is_none()
+                && wanted.reduction.is_none()
+                && wanted.unreached.is_none();
+            if idle {
+                return Err(format!(
+                    "[[expect.loop]] {}, {} expects nothing; accepted: position_rms_um, position_max_um, noise_rms_um, \
+                     lag_rms_um, reduction, unreached",
+                    wanted.model, wanted.filter
+                ));
+            }
+        }
+        if control_loop.is_some() && self.is_of_fit() {
+            return Err(
+                "[expect] of a fit in a scenario with [loop], which reports poses held; it would check nothing; \
+                 accepted: [[expect.loop]]"
+                    .to_owned(),
+            );
+        }
+        Ok(())
+    }
+}
+
+/// Checks the expectations of control loops.
+pub fn check_loop(expect: &Expect, found: &[Looped]) -> Vec<Check> {
+    let mut checks = Vec::new();
+    for wanted in &expect.loops {
+        let Some(looped) = found.iter().find(|l| l.model == wanted.model) else {
+            continue;
+        };
+        let Some(found) = looped.filters.iter().find(|f| f.filter == wanted.filter) else {
+            continue;
+        };
+        let name = |what: &str| format!("{what}, loop of {}, {}", wanted.model, wanted.filter);
+        let mut at_most = |what: &str, found: f64, limit: Option<f64>| {
+            if let Some(limit) = limit {
+                checks.push(Check {
+                    what: name(what),
+                    found: number(found),
+                    accepted: format!("at most {}", number(limit)),
+                    met: found <= limit,
+                });
+            }
+        };
+        at_most(
+            "largest position error, µm",
+            found.errors.most.position_m * 1e6,
+            wanted.position_max_um,
+        );
+        at_most(
+            "poses left out and ticks without a command",
+            (looped.left_out + found.unreached) as f64,
+            Some(wanted.unreached.unwrap_or(0) as f64),
+        );
+        let parts = [
+            (
+                "position error, rms, µm",
+                found.errors.rms,
+                wanted.position_rms_um,
+            ),
+            (
+                "position error from noise, rms, µm",
+                found.noise,
+                wanted.noise_rms_um,
+            ),
+            (
+                "position error from delay, rms, µm",
+                found.lag,
+                wanted.lag_rms_um,
+            ),
+        ];
+        for (what, part, range) in parts {
+            checks.extend(within(&name(what), part.position_m * 1e6, range));
+        }
+        checks.extend(within(
+            &name("share by which the position error falls"),
+            looped.reduction(found),
+            wanted.reduction.map(|least| [least, 1.0]),
         ));
     }
     checks

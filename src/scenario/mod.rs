@@ -1,11 +1,13 @@
 //! Scenarios: a robot, its hidden truth, a measurement campaign, the model to fit, and what is expected.
 
 pub mod compensated;
+pub mod control_loop;
 pub mod design;
 pub mod efficiency;
 pub mod expect;
 mod planned;
 mod presets;
+pub mod pull;
 mod read;
 pub mod simulate;
 pub mod workspace;
@@ -68,6 +70,8 @@ pub struct Scenario {
     pub instead: Vec<(String, Design)>,
     /// Poses to be commanded with and without correction, if wanted.
     pub compensate: Option<compensated::Compensate>,
+    /// Poses to be held in a control loop, if wanted.
+    pub control_loop: Option<control_loop::ControlLoop>,
     /// What must come out.
     pub expect: Expect,
     /// Blind cases to draw from it, if it is a sweep.

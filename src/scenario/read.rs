@@ -44,6 +44,8 @@ struct OwnKeys {
     compare_paper: bool,
     workspace: Option<Workspace>,
     compensate: Option<super::compensated::Compensate>,
+    #[serde(rename = "loop")]
+    control_loop: Option<super::control_loop::ControlLoop>,
     #[serde(default)]
     instead: Vec<InsteadEntry>,
     #[serde(default)]
@@ -197,9 +199,24 @@ impl Scenario {
         if let Some(compensate) = &own.compensate {
             compensate.check().map_err(&form)?;
         }
+        if let Some(control_loop) = &own.control_loop {
+            control_loop.check(&setup).map_err(&form)?;
+            let others = [
+                ("campaigns", own.campaigns.is_some()),
+                ("[compensate]", own.compensate.is_some()),
+            ];
+            if let Some((other, _)) = others.iter().find(|(_, given)| *given) {
+                return Err(form(format!(
+                    "[loop] stands beside {other}; accepted: one of them in a scenario"
+                )));
+            }
+        }
         own.expect.check(own.campaigns.is_some()).map_err(&form)?;
         own.expect
             .check_compensation(own.compensate.as_ref())
+            .map_err(&form)?;
+        own.expect
+            .check_loop(own.control_loop.as_ref())
             .map_err(&form)?;
         if own
             .campaigns
@@ -239,6 +256,7 @@ impl Scenario {
             workspace: own.workspace,
             instead,
             compensate: own.compensate,
+            control_loop: own.control_loop,
             expect: own.expect,
             blind: own.blind,
             truth_tables: own.truth,

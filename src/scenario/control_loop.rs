@@ -1,0 +1,880 @@
+//! Compensation in the loop: a robot holds poses while a process pulls, and corrects its command from what its wrist
+//! sensor says.
+//!
+//! Each tick the plant is at rest under the command and load of that moment: MuJoCo's static state, no inertia, no
+//! vibration, no drives that need time. The sensor reads the wrench with its noise; filter and model make a command of it,
+//! which acts from the next tick on. What is left is parted exactly, by running the loop again: without noise, and with a
+//! load known at once. The sensor's noise is the same for every filter.
+//!
+//! Source: Appl. Sci. 2019, 9, 65, Fig. 2.
+
+use super::compensated::{Miss, learn, reached, task};
+use super::design::{DesignLoad, random_posture, stream};
+use super::pull::Pull;
+use super::{Scenario, ScenarioError, simulate};
+use crate::campaign::{Campaign, Noise, Reading, Wrench};
+use crate::compensation::controller::Controller;
+use crate::compensation::filter::Law;
+use crate::compensation::{End, Reach, Robot, error, solve};
+use crate::model::Workspace;
+use crate::plan::space::{Space, generator};
+use crate::plant::instruments::{Draws, read};
+use crate::plant::{Command, Load, Plant, PlantError, PlantSpec, State};
+use crate::setup::Setup;
+use nalgebra::{UnitQuaternion, Vector3, Vector6};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::sync::{Mutex, PoisonError};
+
+/// Ticks of all runs at most, so that a slip of the pen is no day's work.
+const MOST_TICKS: usize = 1_000_000;
+/// Looks at a load that turns with the hand, until the command for it stands: each gains three digits.
+const LOOKS: usize = 4;
+
+/// `[loop]` of a scenario.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControlLoop {
+    /// Ticks a second.
+    pub rate_hz: f64,
+    /// How long each pose is held, s.
+    pub duration_s: f64,
+    /// Name of the target that is held; the first if left out.
+    pub target: Option<String>,
+    /// Random postures whose poses are held.
+    pub poses: Option<usize>,
+    /// Or the pose of this posture: rad (m) by joint, zero for joints left out.
+    pub posture_rad: Option<std::collections::BTreeMap<String, f64>>,
+    /// The tool: a dead weight that is known before.
+    #[serde(default)]
+    pub payload: Tool,
+    /// What pulls besides.
+    #[serde(default, rename = "pull")]
+    pub pulls: Vec<Pull>,
+    /// Models that correct, as for `[compensate]`.
+    #[serde(default = "default_models")]
+    pub models: Vec<String>,
+    /// Filters, each a run of its own.
+    #[serde(default, rename = "filter")]
+    pub filters: Vec<FilterEntry>,
+}
+
+fn default_models() -> Vec<String> {
+    vec!["default".to_owned()]
+}
+
+/// A dead weight on the target's link.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Tool {
+    /// kg.
+    #[serde(default)]
+    pub mass_kg: f64,
+    /// Its centre in the target link's frame, m.
+    #[serde(default)]
+    pub com_m: [f64; 3],
+}
+
+/// `[[loop.filter]]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FilterEntry {
+    /// What it is.
+    pub kind: FilterKind,
+    /// Of a moving average, s.
+    pub window_s: Option<f64>,
+    /// Of a low pass, -3 dB, Hz.
+    pub cutoff_hz: Option<f64>,
+    /// Of a low pass: 1, or 2 (Butterworth; if left out).
+    pub order: Option<usize>,
+    /// Foresee the load of the moment at which the command acts?
+    #[serde(default)]
+    pub predict: bool,
+}
+
+/// What a filter is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FilterKind {
+    /// The measured wrench as it is.
+    None,
+    /// The mean of a window.
+    MovingAverage,
+    /// A low pass of first or second order.
+    LowPass,
+}
+
+impl FilterEntry {
+    /// Its name in reports and expectations: `none`, `moving average 40 ms`, `low pass 8 Hz, order 2, predicted`.
+    pub fn name(&self) -> String {
+        let mut name = match self.kind {
+            FilterKind::None => "none".to_owned(),
+            FilterKind::MovingAverage => {
+                let window = self.window_s.unwrap_or_default() * 1e3;
+                // seven digits: what a decimal fraction times 1000 is meant to be
+                format!("moving average {} ms", (window * 1e4).round() / 1e4)
+            }
+            FilterKind::LowPass => format!(
+                "low pass {} Hz, order {}",
+                self.cutoff_hz.unwrap_or_default(),
+                self.order.unwrap_or(2)
+            ),
+        };
+        if self.predict {
+            name += ", predicted";
+        }
+        name
+    }
+
+    /// The filter at a rate, Hz. A command acts a tick after its measurement: this is foreseen besides the filter's own
+    /// delay.
+    ///
+    /// # Errors
+    /// A sentence that names the key.
+    pub fn law(&self, rate: f64) -> Result<Law, String> {
+        let wrong = |what: String| Err(format!("[[loop.filter]] {}: {what}", self.name()));
+        let foreign = match self.kind {
+            FilterKind::None => [
+                ("window_s", self.window_s.is_some()),
+                ("cutoff_hz", self.cutoff_hz.is_some()),
+                ("order", self.order.is_some()),
+            ],
+            FilterKind::MovingAverage => [
+                ("cutoff_hz", self.cutoff_hz.is_some()),
+                ("order", self.order.is_some()),
+                ("", false),
+            ],
+            FilterKind::LowPass => [
+                ("window_s", self.window_s.is_some()),
+                ("", false),
+                ("", false),
+            ],
+        };
+        if let Some((key, _)) = foreign.iter().find(|(_, given)| *given) {
+            return wrong(format!("{key} is of another kind of filter; leave it out"));
+        }
+        let law = match self.kind {
+            FilterKind::None => Law::none(),
+            FilterKind::MovingAverage => {
+                let Some(window) = self.window_s else {
+                    return wrong(
+                        "window_s is missing; accepted: the window's length, s".to_owned(),
+                    );
+                };
+                let ticks = (window * rate).round();
+                if !(1.0..=MOST_TICKS as f64).contains(&ticks) {
+                    return wrong(format!(
+                        "window_s = {window} holds {ticks} ticks; accepted: 1 to {MOST_TICKS}"
+                    ));
+                }
+                Law::moving_average(ticks as usize)
+            }
+            FilterKind::LowPass => {
+                let Some(cutoff) = self.cutoff_hz else {
+                    return wrong("cutoff_hz is missing; accepted: its -3 dB, Hz".to_owned());
+                };
+                let (least, most) = (rate * 1e-4, rate * 0.45);
+                if !(least..=most).contains(&cutoff) {
+                    return wrong(format!(
+                        "cutoff_hz is {cutoff}; accepted at rate_hz = {rate}: {least} to {most}"
+                    ));
+                }
+                match self.order.unwrap_or(2) {
+                    1 => Law::first_order(cutoff / rate),
+                    2 => Law::second_order(cutoff / rate),
+                    other => return wrong(format!("order is {other}; accepted: 1, 2")),
+                }
+            }
+        };
+        Ok(match self.predict {
+            true => law.foreseeing(1.0),
+            false => law,
+        })
+    }
+}
+
+impl ControlLoop {
+    /// Refuses what makes no sense for a robot.
+    ///
+    /// # Errors
+    /// A sentence that names the key.
+    pub fn check(&self, setup: &Setup) -> Result<(), String> {
+        let wrong = |what: String| Err(format!("[loop] {what}"));
+        if !(self.rate_hz > 0.0 && self.rate_hz <= 1e5) {
+            return wrong(format!(
+                "rate_hz is {}; accepted: above 0, up to 100000",
+                self.rate_hz
+            ));
+        }
+        if !(self.duration_s * self.rate_hz >= 2.0 && self.duration_s.is_finite()) {
+            return wrong(format!(
+                "duration_s is {}; accepted: two ticks of 1 / rate_hz or more",
+                self.duration_s
+            ));
+        }
+        if let Some(name) = &self.target
+            && !setup.targets.iter().any(|target| target.name == *name)
+        {
+            let known: Vec<&str> = setup.targets.iter().map(|t| t.name.as_str()).collect();
+            return wrong(format!(
+                "target = \"{name}\" is no target; known: {}",
+                known.join(", ")
+            ));
+        }
+        match (self.poses, &self.posture_rad) {
+            (Some(1..=MOST_TICKS), None) => {}
+            (None, Some(posture)) => check_posture(posture, setup)?,
+            (Some(poses), None) => {
+                return wrong(format!("poses is {poses}; accepted: 1 to {MOST_TICKS}"));
+            }
+            _ => {
+                return wrong(
+                    "accepted: either poses = N (random ones) or posture_rad = { joint = angle }"
+                        .to_owned(),
+                );
+            }
+        }
+        let tool = &self.payload;
+        if !(tool.mass_kg >= 0.0 && tool.mass_kg.is_finite())
+            || tool.com_m.iter().any(|x| !x.is_finite())
+        {
+            return wrong(
+                "payload: accepted are a finite mass_kg of 0 or more and a finite com_m".to_owned(),
+            );
+        }
+        self.pulls.iter().try_for_each(Pull::check)?;
+        if self.models.is_empty() {
+            return wrong(
+                "models is empty; accepted: \"default\", \"true\", words as for --effects"
+                    .to_owned(),
+            );
+        }
+        if self.filters.is_empty() {
+            return wrong("has no [[loop.filter]]; accepted: one or more, kind = \"none\" for the measured wrench as it is".to_owned());
+        }
+        let mut names = std::collections::BTreeSet::new();
+        for filter in &self.filters {
+            filter.law(self.rate_hz)?;
+            if !names.insert(filter.name()) {
+                return Err(format!(
+                    "[[loop.filter]] {} stands there twice",
+                    filter.name()
+                ));
+            }
+        }
+        let runs = self.poses.unwrap_or(1) * self.filters.len() * self.models.len();
+        let all = self.duration_s * self.rate_hz * runs as f64;
+        if all > MOST_TICKS as f64 {
+            return wrong(format!(
+                "asks for {all} ticks: duration_s × rate_hz, by pose, filter and model; accepted: at most {MOST_TICKS}"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Ticks of one run.
+    pub fn ticks(&self) -> usize {
+        (self.duration_s * self.rate_hz).round() as usize
+    }
+
+    /// Index of the target that is held.
+    pub fn target(&self, setup: &Setup) -> usize {
+        let named = |name: &String| setup.targets.iter().position(|t| t.name == *name);
+        self.target.as_ref().and_then(named).unwrap_or(0)
+    }
+
+    /// Names of the filters, in their order.
+    pub fn filter_names(&self) -> Vec<String> {
+        self.filters.iter().map(FilterEntry::name).collect()
+    }
+
+    fn tool(&self) -> DesignLoad {
+        DesignLoad {
+            mass: self.payload.mass_kg,
+            com: Vector3::from(self.payload.com_m),
+            pull: Vector3::zeros(),
+        }
+    }
+
+    /// Time of a tick, s.
+    fn time(&self, tick: usize) -> f64 {
+        tick as f64 / self.rate_hz
+    }
+}
+
+fn check_posture(
+    posture: &std::collections::BTreeMap<String, f64>,
+    setup: &Setup,
+) -> Result<(), String> {
+    let ranges = Space::within_limits(&setup.robot, 0.0).ranges;
+    for (name, angle) in posture {
+        let Some(joint) = setup.robot.joint(name) else {
+            let known: Vec<&str> = setup.robot.joints.iter().map(|j| j.name.as_str()).collect();
+            return Err(format!(
+                "[loop.posture_rad] no joint is called \"{name}\"; known: {}",
+                known.join(", ")
+            ));
+        };
+        let (least, most) = ranges[joint];
+        if !(least..=most).contains(angle) {
+            return Err(format!(
+                "[loop.posture_rad] {name} is {angle}; accepted: its limits, {least} to {most}"
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// One tick of one run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Moment {
+    /// From the start of its run, s.
+    pub time: f64,
+    /// What the sensor says, link frame, N and N·m.
+    pub measured: Wrench,
+    /// The same, filtered.
+    pub filtered: Wrench,
+    /// What the next command is corrected for.
+    pub foreseen: Wrench,
+    /// The command in force, by joint of the robot, rad (m).
+    pub command: Vec<f64>,
+    /// Where the target is, tracker's frame, m.
+    pub position: Vector3<f64>,
+    /// tracker_from_target rotation.
+    pub orientation: UnitQuaternion<f64>,
+    /// What the command corrected for the tool alone would miss the pose by at this moment: `[v; ω]`, tracker's frame,
+    /// m and rad.
+    pub before: Vector6<f64>,
+    /// What the command in force misses it by.
+    pub after: Vector6<f64>,
+}
+
+/// One pose held with one filter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trace {
+    /// Index of the pose.
+    pub pose: usize,
+    /// Index of the filter.
+    pub filter: usize,
+    /// Tick by tick.
+    pub moments: Vec<Moment>,
+}
+
+/// Errors of a way to correct, over all poses and ticks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Errors {
+    /// Root mean square.
+    pub rms: Miss,
+    /// Largest.
+    pub most: Miss,
+}
+
+/// What one filter is worth.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Filtered {
+    /// Its name.
+    pub filter: String,
+    /// Delay of its own at frequency zero, s.
+    pub filter_delay_s: f64,
+    /// The same and the tick until a command acts, s.
+    pub delay_s: f64,
+    /// How much of it is foreseen, s.
+    pub foreseen_s: f64,
+    /// Deviation of the wrench corrected for over that of the sensor's noise.
+    pub noise_gain: f64,
+    /// Errors of the pose.
+    pub errors: Errors,
+    /// Part of it from noise: what the loop does otherwise without any, rms.
+    pub noise: Miss,
+    /// Part of it from delay: what the loop without noise does otherwise than one that knows its load at once, rms.
+    pub lag: Miss,
+    /// Ticks without a command that reaches the pose: the one before stood.
+    pub unreached: usize,
+}
+
+/// A model's corrections in the loop.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Looped {
+    /// The model, as the scenario names it.
+    pub model: String,
+    /// Poses held.
+    pub poses: usize,
+    /// Poses left out: no command reaches them under the tool.
+    pub left_out: usize,
+    /// By the nominal robot's commands.
+    pub nominal: Errors,
+    /// By commands that the model corrects for the tool alone, once.
+    pub tool_alone: Errors,
+    /// By commands for the load of the moment: what the model leaves.
+    pub at_once: Errors,
+    /// Filter by filter.
+    pub filters: Vec<Filtered>,
+    /// Pose by pose, filter by filter.
+    pub traces: Vec<Trace>,
+}
+
+impl Looped {
+    /// Share by which a filter's loop lowers the position error, rms, against commands corrected for the tool alone.
+    pub fn reduction(&self, filter: &Filtered) -> f64 {
+        1.0 - filter.errors.rms.position_m / self.tool_alone.rms.position_m
+    }
+}
+
+/// Holds the poses, model by model.
+///
+/// # Errors
+/// If plant or model cannot be built, a posture is not found, or the plant collapses.
+pub fn hold(
+    scenario: &Scenario,
+    wanted: &ControlLoop,
+    on_run: impl Fn() + Sync,
+) -> Result<Vec<Looped>, ScenarioError> {
+    let campaign = simulate::simulate(scenario, || {})?;
+    let models = wanted.models.iter();
+    models
+        .map(|name| hold_by(scenario, wanted, &campaign, name, &on_run))
+        .collect()
+}
+
+/// Runs that [`hold`] tells of, for a progress bar.
+pub fn runs(wanted: &ControlLoop) -> usize {
+    wanted.models.len() * wanted.poses.unwrap_or(1) * (1 + 2 * wanted.filters.len())
+}
+
+/// A pose to be held.
+struct Held {
+    task: Reading,
+    nominal: Vec<f64>,
+    /// Corrected for the tool alone.
+    start: Vec<f64>,
+    draws: Vec<Draws>,
+}
+
+/// All that the runs of one model share.
+struct Cell<'a> {
+    wanted: &'a ControlLoop,
+    spec: &'a PlantSpec,
+    robot: &'a Robot<'a>,
+    /// The model's parameters, those of the measurement too.
+    values: &'a [f64],
+    reach: &'a Reach,
+    noise: Noise,
+}
+
+/// Errors by tick, beside what a filter's run is compared with.
+struct Base {
+    nominal: Vec<Vector6<f64>>,
+    tool_alone: Vec<Vector6<f64>>,
+    at_once: Vec<Vector6<f64>>,
+}
+
+enum Outcome {
+    Base(Base),
+    Run {
+        moments: Vec<Moment>,
+        unreached: usize,
+    },
+}
+
+/// What is to be run at a pose.
+#[derive(Clone, Copy)]
+enum Job {
+    Base,
+    /// Index of the filter; with noise?
+    Run(usize, bool),
+}
+
+fn hold_by(
+    scenario: &Scenario,
+    wanted: &ControlLoop,
+    campaign: &Campaign,
+    name: &str,
+    on_run: &(impl Fn() + Sync),
+) -> Result<Looped, ScenarioError> {
+    let of_plant = |source: PlantError| ScenarioError::Plant {
+        file: scenario.file.clone(),
+        source,
+    };
+    let (model, values, _) = learn(scenario, campaign, "[loop] models", name)?;
+    let setup = &scenario.setup;
+    let spec = simulate::plant_spec(scenario).map_err(of_plant)?;
+    let robot = Robot::new(&model, &values);
+    let reach = Reach {
+        moving: setup.robot.chain(setup.target_body(wanted.target(setup))),
+        ranges: Space::within_limits(&setup.robot, 0.0).ranges,
+    };
+    let (poses, asked) = poses(scenario, wanted, &spec, &robot, &reach)?;
+    let filters = &wanted.filters;
+    let laws: Vec<Law> = filters
+        .iter()
+        .map(|filter| filter.law(wanted.rate_hz))
+        .collect::<Result<_, _>>()
+        .map_err(|message| ScenarioError::Form {
+            file: scenario.file.clone(),
+            message,
+        })?;
+    let cell = Cell {
+        wanted,
+        spec: &spec,
+        robot: &robot,
+        values: &values,
+        reach: &reach,
+        noise: Noise {
+            force: scenario.noise.force,
+            torque: scenario.noise.torque,
+            ..Noise::default()
+        },
+    };
+    let each = (0..filters.len()).flat_map(|f| [Job::Run(f, true), Job::Run(f, false)]);
+    let each: Vec<Job> = std::iter::once(Job::Base).chain(each).collect();
+    let jobs: Vec<(&Held, Job)> = poses
+        .iter()
+        .flat_map(|pose| each.iter().map(move |job| (pose, *job)))
+        .collect();
+    let original = Mutex::new(Plant::build(&spec).map_err(of_plant)?);
+    let outcomes: Vec<Outcome> = jobs
+        .par_iter()
+        .map(|&(held, job)| {
+            // states depend on no state before: any fork gives the same
+            let fork = original
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .fork();
+            let mut plant = fork?;
+            let outcome = match job {
+                Job::Base => Outcome::Base(cell.base(&mut plant, held)?),
+                Job::Run(filter, noisy) => cell.run(&mut plant, held, &laws[filter], noisy)?,
+            };
+            on_run();
+            Ok(outcome)
+        })
+        .collect::<Result<_, PlantError>>()
+        .map_err(of_plant)?;
+    Ok(summed_up(
+        wanted,
+        name,
+        &laws,
+        asked - poses.len(),
+        outcomes.chunks(each.len()),
+    ))
+}
+
+/// The poses that commands reach under the tool, and how many were asked for.
+fn poses(
+    scenario: &Scenario,
+    wanted: &ControlLoop,
+    spec: &PlantSpec,
+    robot: &Robot<'_>,
+    reach: &Reach,
+) -> Result<(Vec<Held>, usize), ScenarioError> {
+    let setup = &scenario.setup;
+    let target = wanted.target(setup);
+    let mut random = generator(scenario.seed, stream::CONTROL_LOOP);
+    let postures: Vec<Vec<f64>> = match &wanted.posture_rad {
+        Some(posture) => {
+            let of = |joint: &crate::robot::Joint| posture.get(&joint.name).copied();
+            let joints = setup.robot.joints.iter();
+            vec![joints.map(|joint| of(joint).unwrap_or(0.0)).collect()]
+        }
+        None => (0..wanted.poses.unwrap_or(1))
+            .map(|_| random_posture(scenario, &mut random))
+            .collect::<Result<_, _>>()?,
+    };
+    let asked = postures.len();
+    let mut workspace = Workspace::new(setup);
+    let mut held = Vec::new();
+    for (index, joints) in postures.into_iter().enumerate() {
+        // drawn for every pose, so that one left out does not move the others
+        let draws: Vec<Draws> = (0..wanted.ticks())
+            .map(|_| Draws::new(joints.len(), &mut random))
+            .collect();
+        let name = format!("{}", index + 1);
+        let task = task(scenario, spec, target, joints, name, &wanted.tool());
+        let mut found = |p: &[f64], near: &[f64]| {
+            let found = solve(&mut workspace, robot.model, p, &task, (near, near), reach);
+            (found.end == End::Reached).then_some(found.joints)
+        };
+        let nominal = found(&robot.nominal, &task.joints);
+        let Some(nominal) = nominal else { continue };
+        let Some(start) = found(&robot.values, &nominal) else {
+            continue;
+        };
+        held.push(Held {
+            task,
+            nominal,
+            start,
+            draws,
+        });
+    }
+    Ok((held, asked))
+}
+
+impl Cell<'_> {
+    /// The plant at a tick under a command.
+    fn state(
+        &self,
+        plant: &mut Plant,
+        held: &Held,
+        tick: usize,
+        joints: &[f64],
+    ) -> Result<(Command, State), PlantError> {
+        let target = held.task.target;
+        let time = self.wanted.time(tick);
+        let mut loads = vec![self.wanted.tool().on(target)];
+        for pull in &self.wanted.pulls {
+            loads.push(Load {
+                target,
+                mass: 0.0,
+                com: Vector3::from(pull.at_m),
+                pull: pull.at(time),
+            });
+        }
+        let command = Command {
+            joints: joints.to_vec(),
+            approach: vec![1.0; joints.len()],
+            loads,
+            time: 0.0,
+            temperature: 0.0,
+        };
+        let state = plant.state(&command)?;
+        Ok((command, state))
+    }
+
+    /// What the wrist sensor says of it.
+    fn sense(
+        &self,
+        (command, state): &(Command, State),
+        held: &Held,
+        tick: usize,
+        noise: &Noise,
+    ) -> Wrench {
+        let target = held.task.target;
+        read(self.spec, command, state, target, noise, &held.draws[tick]).wrench
+    }
+
+    fn missed(&self, (_, state): &(Command, State), held: &Held) -> Vector6<f64> {
+        error(&reached(self.spec, state, held.task.target), &held.task)
+    }
+
+    fn controller(&self, held: &Held, law: Law) -> Controller<'_> {
+        Controller::new(
+            self.robot.model,
+            self.values,
+            &held.task,
+            (&held.start, &held.start),
+            self.reach,
+            law,
+        )
+    }
+
+    fn base(&self, plant: &mut Plant, held: &Held) -> Result<Base, PlantError> {
+        let quiet = Noise::default();
+        let ticks = self.wanted.ticks();
+        let mut base = Base {
+            nominal: Vec::with_capacity(ticks),
+            tool_alone: Vec::with_capacity(ticks),
+            at_once: Vec::with_capacity(ticks),
+        };
+        let mut knowing = self.controller(held, Law::none());
+        let mut command = held.start.clone();
+        for tick in 0..ticks {
+            let nominal = self.state(plant, held, tick, &held.nominal)?;
+            base.nominal.push(self.missed(&nominal, held));
+            let alone = self.state(plant, held, tick, &held.start)?;
+            base.tool_alone.push(self.missed(&alone, held));
+            let mut state = self.state(plant, held, tick, &command)?;
+            for _ in 0..LOOKS {
+                command = knowing
+                    .tick(&self.sense(&state, held, tick, &quiet))
+                    .command;
+                state = self.state(plant, held, tick, &command)?;
+            }
+            base.at_once.push(self.missed(&state, held));
+        }
+        Ok(base)
+    }
+
+    fn run(
+        &self,
+        plant: &mut Plant,
+        held: &Held,
+        law: &Law,
+        noisy: bool,
+    ) -> Result<Outcome, PlantError> {
+        let noise = match noisy {
+            true => self.noise,
+            false => Noise::default(),
+        };
+        let mut controller = self.controller(held, law.clone());
+        let mut command = held.start.clone();
+        let (mut moments, mut unreached) = (Vec::with_capacity(self.wanted.ticks()), 0);
+        for tick in 0..self.wanted.ticks() {
+            let state = self.state(plant, held, tick, &command)?;
+            let measured = self.sense(&state, held, tick, &noise);
+            let next = controller.tick(&measured);
+            unreached += usize::from(!next.found);
+            let at = reached(self.spec, &state.1, held.task.target);
+            moments.push(Moment {
+                time: self.wanted.time(tick),
+                measured,
+                filtered: next.filtered,
+                foreseen: next.foreseen,
+                command: std::mem::replace(&mut command, next.command),
+                position: at.position,
+                orientation: at.orientation,
+                before: Vector6::zeros(),
+                after: error(&at, &held.task),
+            });
+        }
+        Ok(Outcome::Run { moments, unreached })
+    }
+}
+
+/// Sums of squares and largest of misses.
+#[derive(Default)]
+struct Sum {
+    squares: Miss,
+    most: Miss,
+    count: usize,
+}
+
+impl Sum {
+    fn add(&mut self, twist: &Vector6<f64>) {
+        let miss = Miss::of(twist);
+        self.squares.position_m += miss.position_m.powi(2);
+        self.squares.orientation_rad += miss.orientation_rad.powi(2);
+        self.most.position_m = self.most.position_m.max(miss.position_m);
+        self.most.orientation_rad = self.most.orientation_rad.max(miss.orientation_rad);
+        self.count += 1;
+    }
+
+    fn errors(&self) -> Errors {
+        let mean = |sum: f64| (sum / self.count.max(1) as f64).sqrt();
+        Errors {
+            rms: Miss {
+                position_m: mean(self.squares.position_m),
+                orientation_rad: mean(self.squares.orientation_rad),
+            },
+            most: self.most,
+        }
+    }
+}
+
+/// Outcomes come by pose: the base, then each filter with noise and without.
+fn summed_up<'a>(
+    wanted: &ControlLoop,
+    name: &str,
+    laws: &[Law],
+    left_out: usize,
+    outcomes: impl Iterator<Item = &'a [Outcome]>,
+) -> Looped {
+    let (mut nominal, mut tool_alone, mut at_once) =
+        (Sum::default(), Sum::default(), Sum::default());
+    let mut sums: Vec<[Sum; 3]> = laws.iter().map(|_| Default::default()).collect();
+    let mut unreached = vec![0; laws.len()];
+    let mut traces = Vec::new();
+    let mut poses = 0;
+    for (pose, of_pose) in outcomes.enumerate() {
+        let [Outcome::Base(base), runs @ ..] = of_pose else {
+            continue;
+        };
+        poses += 1;
+        base.nominal.iter().for_each(|e| nominal.add(e));
+        base.tool_alone.iter().for_each(|e| tool_alone.add(e));
+        base.at_once.iter().for_each(|e| at_once.add(e));
+        for (filter, pair) in runs.chunks(2).enumerate() {
+            let [
+                Outcome::Run {
+                    moments,
+                    unreached: missing,
+                },
+                Outcome::Run { moments: quiet, .. },
+            ] = pair
+            else {
+                continue;
+            };
+            unreached[filter] += missing;
+            let [all, noise, lag] = &mut sums[filter];
+            for (k, moment) in moments.iter().enumerate() {
+                all.add(&moment.after);
+                noise.add(&(moment.after - quiet[k].after));
+                lag.add(&(quiet[k].after - base.at_once[k]));
+            }
+            let with_before = moments.iter().zip(&base.tool_alone);
+            traces.push(Trace {
+                pose,
+                filter,
+                moments: with_before
+                    .map(|(moment, before)| Moment {
+                        before: *before,
+                        ..moment.clone()
+                    })
+                    .collect(),
+            });
+        }
+    }
+    let tick = 1.0 / wanted.rate_hz;
+    let filters = wanted.filters.iter().zip(laws).zip(&sums).zip(unreached);
+    Looped {
+        model: name.to_owned(),
+        poses,
+        left_out,
+        nominal: nominal.errors(),
+        tool_alone: tool_alone.errors(),
+        at_once: at_once.errors(),
+        filters: filters
+            .map(|(((entry, law), [all, noise, lag]), unreached)| Filtered {
+                filter: entry.name(),
+                filter_delay_s: law.delay() * tick,
+                delay_s: (law.delay() + 1.0) * tick,
+                foreseen_s: law.ahead() * tick,
+                noise_gain: law.noise_gain(),
+                errors: all.errors(),
+                noise: noise.errors().rms,
+                lag: lag.errors().rms,
+                unreached,
+            })
+            .collect(),
+        traces,
+    }
+}
+
+/// The runs of one filter as a campaign, one reading a tick, pose after pose: to be recorded and replayed. Positions are
+/// where the target is, without any tracker's noise.
+pub fn recorded(
+    scenario: &Scenario,
+    wanted: &ControlLoop,
+    looped: &Looped,
+    filter: usize,
+) -> Campaign {
+    let traces = looped.traces.iter().filter(|t| t.filter == filter);
+    let readings = traces.enumerate().flat_map(|(index, trace)| {
+        let start = index as f64 * wanted.duration_s;
+        trace.moments.iter().map(move |moment| Reading {
+            line: 0,
+            pose: Some(format!("{}", trace.pose + 1)),
+            repeat: None,
+            target: wanted.target(&scenario.setup),
+            split: crate::campaign::Split::Fit,
+            time: Some(start + moment.time),
+            temperature: None,
+            link_temperatures: Vec::new(),
+            joints: moment.command.clone(),
+            approach: None,
+            position: moment.position,
+            orientation: Some(moment.orientation),
+            wrench: Some(moment.measured),
+            payload: None,
+            process: None,
+        })
+    });
+    let mut readings: Vec<Reading> = readings.collect();
+    for (index, reading) in readings.iter_mut().enumerate() {
+        // the header of the table is line 1
+        reading.line = index + 2;
+    }
+    Campaign {
+        noise: None,
+        ..simulate::campaign(scenario, readings)
+    }
+}
