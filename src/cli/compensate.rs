@@ -4,12 +4,12 @@ use super::{Outcome, print, print_json, progress, usage};
 use crate::campaign::{Campaign, Reading, read_tasks, render_commands, write_atomically};
 use crate::compensation::{Corrected, End, Reach, Robot, correct, posture};
 use crate::fit::{self, Options};
-use crate::model::{Model, Workspace, pose_numbers};
+use crate::model::Workspace;
 use crate::plan::Limits;
 use crate::plan::space::{Space, generator};
 use crate::{model_file, recording, report};
 use anyhow::Context;
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use rayon::prelude::*;
 use std::io::Write;
 use std::path::PathBuf;
@@ -111,7 +111,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let found = fit::fit(&campaign, &model, &options, |_| {})?;
     let robot = Robot::new(&model, &found.values);
     if arguments.frame == Given::Base {
-        let tracker_from_base = base_from_tracker(&model, &found.values).inverse();
+        let tracker_from_base = robot.base_from_tracker().inverse();
         for task in &mut tasks {
             let turn = task.orientation.unwrap_or_else(UnitQuaternion::identity);
             let pose =
@@ -189,18 +189,4 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     } else {
         Outcome::Missed
     })
-}
-
-/// Where the tracker stands in the base frame.
-fn base_from_tracker(model: &Model, values: &[f64]) -> Isometry3<f64> {
-    let numbers = model.term("tracker_frame").map_or_else(
-        || pose_numbers(&Isometry3::identity()),
-        |term| {
-            let mut six = [0.0; 6];
-            six.copy_from_slice(term.of(values));
-            six
-        },
-    );
-    let [x, y, z, rx, ry, rz] = numbers;
-    Isometry3::new(Vector3::new(x, y, z), Vector3::new(rx, ry, rz))
 }

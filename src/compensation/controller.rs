@@ -63,6 +63,11 @@ impl<'a> Controller<'a> {
         }
     }
 
+    /// Moves the pose to be held to a position, tracker's frame, m.
+    pub fn aim(&mut self, position: Vector3<f64>) {
+        self.task.position = position;
+    }
+
     /// Takes a measured wrench (of the load on the arm at the target link's origin, in that link's frame) and corrects.
     pub fn tick(&mut self, measured: &Wrench) -> Tick {
         let (filtered, foreseen) = self.filter.push(&stacked(measured));

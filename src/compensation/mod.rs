@@ -15,7 +15,7 @@ use crate::campaign::Reading;
 use crate::fit::{Fit, Status};
 use crate::model::{Model, Rows, Workspace};
 use crate::plan::space::Space;
-use nalgebra::{Matrix6, Vector6};
+use nalgebra::{Isometry3, Matrix6, Vector3, Vector6};
 use rand::Rng;
 
 /// A model with its numbers, ready to command.
@@ -47,6 +47,16 @@ impl<'a> Robot<'a> {
             model,
             values: own,
             nominal,
+        }
+    }
+
+    /// Where the tracker stands in the base frame.
+    pub fn base_from_tracker(&self) -> Isometry3<f64> {
+        match self.model.term("tracker_frame").map(|term| term.of(&self.values)) {
+            Some(&[x, y, z, rx, ry, rz]) => {
+                Isometry3::new(Vector3::new(x, y, z), Vector3::new(rx, ry, rz))
+            }
+            _ => Isometry3::identity(),
         }
     }
 }

@@ -627,6 +627,7 @@ impl Cell<'_> {
                 mass: 0.0,
                 com: Vector3::from(pull.at_m),
                 pull: pull.at(time),
+                moment: Vector3::zeros(),
             });
         }
         let command = Command {

@@ -3,6 +3,7 @@
 pub mod compensated;
 pub mod control_loop;
 pub mod design;
+pub mod drill;
 pub mod efficiency;
 pub mod expect;
 mod planned;
@@ -72,6 +73,8 @@ pub struct Scenario {
     pub compensate: Option<compensated::Compensate>,
     /// Poses to be held in a control loop, if wanted.
     pub control_loop: Option<control_loop::ControlLoop>,
+    /// A board to be drilled by two arms, if wanted.
+    pub drill: Option<drill::Drilling>,
     /// What must come out.
     pub expect: Expect,
     /// Blind cases to draw from it, if it is a sweep.

@@ -46,6 +46,7 @@ struct OwnKeys {
     compensate: Option<super::compensated::Compensate>,
     #[serde(rename = "loop")]
     control_loop: Option<super::control_loop::ControlLoop>,
+    drill: Option<super::drill::Drilling>,
     #[serde(default)]
     instead: Vec<InsteadEntry>,
     #[serde(default)]
@@ -199,6 +200,9 @@ impl Scenario {
         if let Some(compensate) = &own.compensate {
             compensate.check().map_err(&form)?;
         }
+        if let Some(drill) = &own.drill {
+            drill.check(&setup).map_err(&form)?;
+        }
         if let Some(control_loop) = &own.control_loop {
             control_loop.check(&setup).map_err(&form)?;
             let others = [
@@ -257,6 +261,7 @@ impl Scenario {
             instead,
             compensate: own.compensate,
             control_loop: own.control_loop,
+            drill: own.drill,
             expect: own.expect,
             blind: own.blind,
             truth_tables: own.truth,

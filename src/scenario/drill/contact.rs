@@ -8,7 +8,7 @@ use crate::plant::{Command, Load, Plant, PlantError, PlantSpec, State};
 use nalgebra::{Isometry3, Matrix2, Matrix3, Point3, Vector2, Vector3};
 
 /// What meets, and where.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Contact<'a> {
     /// The truth.
     pub spec: &'a PlantSpec,

@@ -1,0 +1,710 @@
+//! Two arms drill: one holds a board, the other drills it, both give way.
+//!
+//! Each tick the plant is at rest under the commands and the wrench of that moment: MuJoCo's static states, no inertia, no
+//! vibration. Thrust and torque are those of the feed that is left when both arms have given way (`cutting.rs`,
+//! `contact.rs`). Both wrist sensors are read with their noise. The commands are those of the nominal robot, or corrected by
+//! a fitted model for geometry and tools, or corrected besides, in the loop, for what the sensors feel.
+//!
+//! Source: Appl. Sci. 2019, 9, 65, sec. 5 and Fig. 6, 10 and 11.
+
+pub mod contact;
+pub mod cutting;
+pub mod summary;
+
+use super::compensated::learn;
+use super::control_loop::{FilterEntry, Tool};
+use super::design::{DesignLoad, stream};
+use super::{Scenario, ScenarioError, simulate};
+use crate::campaign::{Payload, Reading, Split, Wrench};
+use crate::compensation::controller::Controller;
+use crate::compensation::filter::Law;
+use crate::compensation::{End, Reach, Robot, posture, solve};
+use crate::model::{Model, Workspace};
+use crate::plan::space::{Space, generator};
+use crate::plant::instruments::{Draws, read};
+use crate::plant::{Command, Plant, PlantError, PlantSpec};
+use crate::setup::Setup;
+use contact::{Contact, Hole};
+use cutting::{Drill, Layer, Need};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Brinell hardness of 1 kgf/mm² as a pressure, N/m².
+const BRINELL: f64 = 9.80665e6;
+/// Ticks at most, so that a slip of the pen is no day's work.
+const MOST_TICKS: f64 = 200_000.0;
+
+/// `[drill]` of a scenario.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(non_snake_case)] // the keys carry their units
+pub struct Drilling {
+    /// Target that is the board: origin in the middle of the surface, z out of it towards the drill.
+    pub board: String,
+    /// Target that is the drill: origin at the tip, z along the feed.
+    pub tool: String,
+    /// Where the hole is to be, in the base frame, m.
+    pub hole_m: [f64; 3],
+    /// Direction of the feed, in the base frame.
+    pub feed: [f64; 3],
+    /// Where the hole is to be on the board, from its middle, mm.
+    #[serde(default)]
+    pub place_mm: [f64; 2],
+    /// The board's edges along its x and y, mm.
+    #[serde(default = "board_size")]
+    pub size_mm: [f64; 2],
+    /// Turn of the board about its normal, deg; at 0 its x axis points up.
+    #[serde(default)]
+    pub board_turn_deg: f64,
+    /// Turn of the drill's arm about the feed, deg; at 0 its x axis points up.
+    #[serde(default)]
+    pub tool_turn_deg: f64,
+    /// Board and what it is mounted with, in the link's frame.
+    #[serde(default)]
+    pub board_load: Tool,
+    /// Spindle, in the link's frame.
+    #[serde(default)]
+    pub tool_load: Tool,
+    /// Layers from the side of the drill.
+    pub layer: Vec<LayerEntry>,
+    /// Drill: diameter, mm.
+    pub diameter_mm: f64,
+    /// Whole angle of its point, deg.
+    #[serde(default = "point_angle")]
+    pub point_angle_deg: f64,
+    /// From the chuck to the tip, mm.
+    pub length_mm: f64,
+    /// Spindle speed, 1/min.
+    pub speed_rpm: f64,
+    /// Feed by revolution, µm.
+    pub feed_um: f64,
+    /// Ticks a second.
+    pub rate_hz: f64,
+    /// Before the tip touches, s.
+    #[serde(default = "half")]
+    pub approach_s: f64,
+    /// After the drill is through, s.
+    #[serde(default = "half")]
+    pub after_s: f64,
+    /// How commands are made, each a hole of its own.
+    #[serde(default = "all_modes")]
+    pub modes: Vec<Mode>,
+    /// Model that corrects, as for `[compensate]`.
+    #[serde(default = "default_model")]
+    pub model: String,
+    /// Filter of the loop.
+    pub filter: FilterEntry,
+}
+
+fn board_size() -> [f64; 2] {
+    [200.0, 150.0]
+}
+
+fn point_angle() -> f64 {
+    130.0
+}
+
+fn half() -> f64 {
+    0.5
+}
+
+fn all_modes() -> Vec<Mode> {
+    vec![Mode::Nominal, Mode::Static, Mode::Loop]
+}
+
+fn default_model() -> String {
+    "default".to_owned()
+}
+
+/// `[[drill.layer]]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(non_snake_case)] // the keys carry their units
+pub struct LayerEntry {
+    /// mm.
+    pub thickness_mm: f64,
+    /// Brinell hardness of a metal that needs as much thrust, kgf/mm².
+    pub hardness_HB: f64,
+}
+
+/// How commands are made.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Mode {
+    /// By the nominal robot, standing where the fit says.
+    Nominal,
+    /// Corrected for all that the model holds, under the tools' weights.
+    Static,
+    /// The same, and for what the wrist sensors feel, tick by tick.
+    Loop,
+}
+
+impl Mode {
+    /// For people.
+    pub fn words(self) -> &'static str {
+        match self {
+            Mode::Nominal => "nominal",
+            Mode::Static => "corrected",
+            Mode::Loop => "in the loop",
+        }
+    }
+}
+
+impl Drilling {
+    /// Refuses what makes no sense for a robot.
+    ///
+    /// # Errors
+    /// A sentence that names the key.
+    pub fn check(&self, setup: &Setup) -> Result<(), String> {
+        let wrong = |what: String| Err(format!("[drill] {what}"));
+        for (key, name) in [("board", &self.board), ("tool", &self.tool)] {
+            if !setup.targets.iter().any(|target| target.name == *name) {
+                let known: Vec<&str> = setup.targets.iter().map(|t| t.name.as_str()).collect();
+                return wrong(format!(
+                    "{key} = \"{name}\" is no target; known: {}",
+                    known.join(", ")
+                ));
+            }
+        }
+        if self.board == self.tool {
+            return wrong("board and tool are one target; accepted: one on each arm".to_owned());
+        }
+        let turns = [self.board_turn_deg, self.tool_turn_deg];
+        let numbers = self.hole_m.iter().chain(&self.place_mm).chain(&turns);
+        if let Some(found) = numbers.clone().find(|x| !x.is_finite()) {
+            return wrong(format!(
+                "{found} among hole_m, place_mm, board_turn_deg and tool_turn_deg; accepted: finite numbers"
+            ));
+        }
+        if !(Vector3::from(self.feed).norm() > 1e-6 && Vector3::from(self.feed).norm() < 1e6) {
+            return wrong(format!(
+                "feed is {:?}; accepted: a direction other than zero",
+                self.feed
+            ));
+        }
+        for (axis, (place, size)) in self.place_mm.iter().zip(&self.size_mm).enumerate() {
+            if place.abs() >= size / 2.0 {
+                return wrong(format!(
+                    "place_mm[{axis}] is {place}, off the board; accepted: above {} and below {}",
+                    -size / 2.0,
+                    size / 2.0
+                ));
+            }
+        }
+        for (key, tool) in [
+            ("board_load", &self.board_load),
+            ("tool_load", &self.tool_load),
+        ] {
+            if !(tool.mass_kg >= 0.0 && tool.mass_kg.is_finite())
+                || tool.com_m.iter().any(|x| !x.is_finite())
+            {
+                return wrong(format!(
+                    "{key}: accepted are a finite mass_kg of 0 or more and a finite com_m"
+                ));
+            }
+        }
+        if self.layer.is_empty() {
+            return wrong("has no [[drill.layer]]; accepted: one or more".to_owned());
+        }
+        let within = |key: &str, value: f64, least: f64, most: f64| {
+            if value >= least && value <= most {
+                return Ok(());
+            }
+            Err(format!(
+                "[drill] {key} is {value}; accepted: {least} to {most}"
+            ))
+        };
+        for layer in &self.layer {
+            within("layer: thickness_mm", layer.thickness_mm, 1e-3, 50.0)?;
+            within("layer: hardness_HB", layer.hardness_HB, 0.1, 1000.0)?;
+        }
+        within("diameter_mm", self.diameter_mm, 0.05, 20.0)?;
+        within("point_angle_deg", self.point_angle_deg, 60.0, 175.0)?;
+        within("speed_rpm", self.speed_rpm, 1.0, 1e6)?;
+        within("feed_um", self.feed_um, 1e-3, 1000.0)?;
+        within("rate_hz", self.rate_hz, 10.0, 10_000.0)?;
+        within("approach_s", self.approach_s, 0.1, 10.0)?;
+        within("after_s", self.after_s, 0.0, 10.0)?;
+        let through = cutting::thickness(&self.layers()) * 1e3 + self.drill().cone() * 1e3;
+        within("length_mm", self.length_mm, through + self.diameter_mm, 500.0)?;
+        let ticks = self.duration() * self.rate_hz;
+        if ticks > MOST_TICKS {
+            return wrong(format!(
+                "asks for {ticks:.0} ticks; accepted: at most {MOST_TICKS}, by a faster feed or a lower rate"
+            ));
+        }
+        if self.modes.is_empty() {
+            return wrong("modes is empty; accepted: nominal, static, loop".to_owned());
+        }
+        self.filter.law(self.rate_hz)?;
+        Ok(())
+    }
+
+    /// The drill, SI.
+    pub fn drill(&self) -> Drill {
+        Drill {
+            diameter: self.diameter_mm * 1e-3,
+            point_angle: self.point_angle_deg.to_radians(),
+            length: self.length_mm * 1e-3,
+            speed: self.speed_rpm / 60.0,
+        }
+    }
+
+    /// The board, SI.
+    pub fn layers(&self) -> Vec<Layer> {
+        let layers = self.layer.iter();
+        layers
+            .map(|layer| Layer {
+                thickness: layer.thickness_mm * 1e-3,
+                hardness: layer.hardness_HB * BRINELL,
+            })
+            .collect()
+    }
+
+    /// Feed, m/s.
+    pub fn feed_rate(&self) -> f64 {
+        self.feed_um * 1e-6 * self.speed_rpm / 60.0
+    }
+
+    /// How long a hole takes, s.
+    fn duration(&self) -> f64 {
+        let depth = cutting::thickness(&self.layers()) + self.drill().cone();
+        // the arms give way a little: the drill is later than it would be
+        self.approach_s + 1.1 * depth / self.feed_rate() + self.after_s
+    }
+}
+
+/// One moment of a hole.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// From the start, s; the command touches the board after `approach_s`.
+    pub time: f64,
+    /// Commanded angles, rad (m).
+    pub joints: Vec<f64>,
+    /// Depth of the tip in the board, m; negative before it touches.
+    pub depth: f64,
+    /// Thrust and torque on the drill.
+    pub need: Need,
+    /// Lateral force on the drill, board's x and y, N.
+    pub lateral: Vector2<f64>,
+    /// Angle between the drill's axis and the board's normal, rad.
+    pub tilt: f64,
+    /// What the board's wrist sensor says, in its link's frame.
+    pub board: Wrench,
+    /// The same of the drill's.
+    pub tool: Wrench,
+    /// Where the links of board and drill are.
+    pub links: [Isometry3<f64>; 2],
+    /// Poses of board and drill, tracker's frame, as the instruments would see them without noise.
+    pub seen: [Isometry3<f64>; 2],
+}
+
+/// A hole.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Bored {
+    /// How its commands were made.
+    pub mode: Mode,
+    /// Every tick.
+    pub samples: Vec<Sample>,
+    /// Where it is, from where it is to be, board's x and y, m; none if the drill did not get in.
+    pub miss: Option<Vector2<f64>>,
+    /// How far the command had to be moved along the feed to touch the board, m.
+    pub touch: f64,
+    /// Ticks whose command was not found: the one before stood.
+    pub unreached: usize,
+}
+
+/// Drills a hole in each mode.
+///
+/// # Errors
+/// If plant or model cannot be built, no posture holds the board or reaches it, or the plant collapses.
+pub fn bore(
+    scenario: &Scenario,
+    wanted: &Drilling,
+    on_hole: impl Fn() + Sync,
+) -> Result<Vec<Bored>, ScenarioError> {
+    let of_plant = |source: PlantError| ScenarioError::Plant {
+        file: scenario.file.clone(),
+        source,
+    };
+    let campaign = simulate::simulate(scenario, || {})?;
+    let (model, values, _) = learn(scenario, &campaign, "[drill] model", &wanted.model)?;
+    let spec = simulate::plant_spec(scenario).map_err(of_plant)?;
+    let cell = Cell::new(scenario, wanted, &spec, &model, &values)?;
+    let plant = Plant::build(&spec).map_err(of_plant)?;
+    let forks: Vec<(Mode, Plant)> = wanted
+        .modes
+        .iter()
+        .map(|&mode| Ok((mode, plant.fork()?)))
+        .collect::<Result<_, PlantError>>()
+        .map_err(of_plant)?;
+    forks
+        .into_par_iter()
+        .map(|(mode, mut plant)| {
+            let hole = cell.bore(&mut plant, mode).map_err(of_plant)?;
+            on_hole();
+            Ok(hole)
+        })
+        .collect()
+}
+
+/// One arm: what it is to do.
+struct Arm {
+    target: usize,
+    reach: Reach,
+    load: DesignLoad,
+    /// Pose in the tracker's frame at depth zero, and the posture found for it.
+    task: Reading,
+}
+
+/// All that the holes share.
+struct Cell<'a> {
+    wanted: &'a Drilling,
+    spec: &'a PlantSpec,
+    model: &'a Model,
+    /// The model's parameters, without those of joints that both arms hang on.
+    values: Vec<f64>,
+    robot: Robot<'a>,
+    board: Arm,
+    tool: Arm,
+    /// Direction of the feed, tracker's frame.
+    feed: Vector3<f64>,
+    law: Law,
+    draws: Vec<Draws>,
+    noise: crate::campaign::Noise,
+}
+
+impl<'a> Cell<'a> {
+    fn new(
+        scenario: &'a Scenario,
+        wanted: &'a Drilling,
+        spec: &'a PlantSpec,
+        model: &'a Model,
+        values: &[f64],
+    ) -> Result<Self, ScenarioError> {
+        let setup = &scenario.setup;
+        let form = |message: String| ScenarioError::Form {
+            file: scenario.file.clone(),
+            message,
+        };
+        let target = |name: &str| setup.targets.iter().position(|t| t.name == *name);
+        let (Some(board), Some(tool)) = (target(&wanted.board), target(&wanted.tool)) else {
+            return Err(form("[drill] board and tool must be targets".to_owned()));
+        };
+        let chains = [board, tool].map(|target| setup.robot.chain(setup.target_body(target)));
+        let shared: Vec<usize> = chains[0]
+            .iter()
+            .copied()
+            .filter(|joint| chains[1].contains(joint))
+            .collect();
+        // Thrust on one arm is taken back by the other: a joint below both bears none of it. A model that sees one
+        // arm's load alone would turn it.
+        let mut values = values.to_vec();
+        if let Some(term) = model.term("joint_compliance") {
+            let names: Vec<&str> = shared
+                .iter()
+                .map(|&joint| setup.robot.joints[joint].name.as_str())
+                .collect();
+            for (k, parameter) in term.parameters.iter().enumerate() {
+                if names.contains(&parameter.name.as_str()) {
+                    values[term.first + k] = 0.0;
+                }
+            }
+        }
+        let robot = Robot::new(model, &values);
+        let tracker_from_base = robot.base_from_tracker().inverse();
+        let feed = Vector3::from(wanted.feed).normalize();
+        let up = -setup.gravity;
+        let hole = Vector3::from(wanted.hole_m);
+        let base_from_tool = Isometry3::from_parts(
+            Translation3::from(hole),
+            facing(&feed, &up, wanted.tool_turn_deg.to_radians()),
+        );
+        let turn = facing(&-feed, &up, wanted.board_turn_deg.to_radians());
+        let place = Vector3::new(wanted.place_mm[0], wanted.place_mm[1], 0.0) * 1e-3;
+        let base_from_board =
+            Isometry3::from_parts(Translation3::from(hole - turn * place), turn);
+        let mut random = generator(scenario.seed, stream::DRILL);
+        let mut arm = |target: usize, tool: &Tool, pose: &Isometry3<f64>, word: &str| {
+            let load = DesignLoad {
+                mass: tool.mass_kg,
+                com: Vector3::from(tool.com_m),
+                pull: Vector3::zeros(),
+            };
+            let mut space = scenario.design.space.clone();
+            space.least_height = f64::NEG_INFINITY;
+            for &joint in &shared {
+                let (least, most) = space.ranges[joint];
+                let still = 0.0_f64.clamp(least, most);
+                space.ranges[joint] = (still, still);
+            }
+            let chain = setup.robot.chain(setup.target_body(target));
+            let reach = Reach {
+                moving: chain.into_iter().filter(|j| !shared.contains(j)).collect(),
+                ranges: Space::within_limits(&setup.robot, 0.0).ranges,
+            };
+            let joints: Vec<f64> = space.ranges.iter().map(|(a, b)| (a + b) / 2.0).collect();
+            let mut task = task(target, &(tracker_from_base * pose), joints, &load);
+            let mut workspace = Workspace::new(setup);
+            let inside = Reach {
+                ranges: space.ranges.clone(),
+                ..reach.clone()
+            };
+            task.joints = posture(
+                &mut workspace,
+                &robot,
+                &task,
+                (&space, &inside),
+                &mut random,
+            );
+            let near = (&task.joints[..], &task.joints[..]);
+            let found = solve(&mut workspace, model, &robot.nominal, &task, near, &inside);
+            if found.end != End::Reached {
+                return Err(form(format!(
+                    "[drill] no posture of {} brings the {word} to hole_m = {:?}; accepted: a place, feed, \
+                     board_turn_deg and tool_turn_deg that the arm reaches within [design] margin",
+                    setup.targets[target].name, wanted.hole_m
+                )));
+            }
+            task.joints = found.joints;
+            Ok(Arm {
+                target,
+                reach,
+                load,
+                task,
+            })
+        };
+        let board = arm(board, &wanted.board_load, &base_from_board, "board")?;
+        let tool = arm(tool, &wanted.tool_load, &base_from_tool, "drill")?;
+        let ticks = (wanted.duration() * wanted.rate_hz).round() as usize;
+        let joints = setup.robot.joints.len();
+        let draws = (0..2 * ticks).map(|_| Draws::new(joints, &mut random));
+        let draws: Vec<Draws> = draws.collect();
+        let law = wanted.filter.law(wanted.rate_hz).map_err(form)?;
+        Ok(Self {
+            wanted,
+            spec,
+            model,
+            values,
+            board,
+            tool,
+            feed: tracker_from_base.rotation * feed,
+            robot,
+            law,
+            draws,
+            noise: scenario.noise,
+        })
+    }
+
+    /// All joints: the board's arm, the drill's, and the others where the board's posture has them.
+    fn together(&self, board: &[f64], tool: &[f64]) -> Vec<f64> {
+        let mut joints = board.to_vec();
+        for &joint in &self.tool.reach.moving {
+            joints[joint] = tool[joint];
+        }
+        joints
+    }
+
+    fn command(&self, board: &[f64], tool: &[f64]) -> Command {
+        let joints = self.together(board, tool);
+        Command {
+            approach: vec![1.0; joints.len()],
+            joints,
+            loads: vec![
+                self.board.load.on(self.board.target),
+                self.tool.load.on(self.tool.target),
+            ],
+            time: 0.0,
+            temperature: 0.0,
+        }
+    }
+
+    /// Pose of the drill's task with the tip so far along the feed, tracker's frame, m.
+    fn along(&self, feed: f64) -> Vector3<f64> {
+        self.tool.task.position + self.feed * feed
+    }
+
+    fn bore(&self, plant: &mut Plant, mode: Mode) -> Result<Bored, PlantError> {
+        let unreached = std::cell::Cell::new(0);
+        let mut workspace = Workspace::new(&self.model.setup);
+        let p = match mode {
+            Mode::Nominal => &self.robot.nominal,
+            _ => &self.robot.values,
+        };
+        let mut find = |arm: &Arm, start: &[f64], feed: Option<f64>| -> Vec<f64> {
+            let mut task = arm.task.clone();
+            if let Some(feed) = feed {
+                task.position = self.along(feed);
+            }
+            let near = (start, &arm.task.joints[..]);
+            let found = solve(&mut workspace, self.model, p, &task, near, &arm.reach);
+            if found.end != End::Reached {
+                unreached.set(unreached.get() + 1);
+                return start.to_vec();
+            }
+            found.joints
+        };
+        let mut board = find(&self.board, &self.board.task.joints, None);
+        let mut tool = find(&self.tool, &self.tool.task.joints, Some(0.0));
+        let (drill, layers) = (self.wanted.drill(), self.wanted.layers());
+        let tick = 1.0 / self.wanted.rate_hz;
+        let contact = Contact::new(
+            self.spec,
+            (self.board.target, self.tool.target),
+            (&drill, &layers),
+            tick,
+            plant,
+            &self.command(&board, &tool),
+        )?;
+        // the feed begins where the tip touches, as an operator would set it
+        let mut touch = 0.0;
+        for _ in 0..3 {
+            tool = find(&self.tool, &tool, Some(touch));
+            let state = plant.state(&self.command(&board, &tool))?;
+            touch -= contact.geometry(&state).depth;
+        }
+        let mut controllers = (mode == Mode::Loop).then(|| {
+            [(&self.board, &board), (&self.tool, &tool)].map(|(arm, start)| {
+                let near = (&start[..], &arm.task.joints[..]);
+                let (law, reach) = (self.law.clone(), &arm.reach);
+                Controller::new(self.model, &self.values, &arm.task, near, reach, law)
+            })
+        });
+        let mut hole = Hole::default();
+        let mut samples = Vec::with_capacity(self.draws.len() / 2);
+        for (index, draws) in self.draws.chunks(2).enumerate() {
+            let time = index as f64 * tick;
+            let feed_at = |time: f64| {
+                touch + self.wanted.feed_rate() * (time - self.wanted.approach_s)
+            };
+            if controllers.is_none() || index == 0 {
+                tool = find(&self.tool, &tool, Some(feed_at(time)));
+            }
+            let command = self.command(&board, &tool);
+            let moment = contact.advance(plant, &command, &mut hole)?;
+            let sense = |arm: &Arm, draws: &Draws| {
+                read(
+                    self.spec,
+                    &command,
+                    &moment.state,
+                    arm.target,
+                    &self.noise,
+                    draws,
+                )
+                .wrench
+            };
+            let (on_board, on_tool) = (sense(&self.board, &draws[0]), sense(&self.tool, &draws[1]));
+            let targets = [self.board.target, self.tool.target];
+            let link = |target: usize| moment.state.base_from_link[target];
+            let seen = |target: usize| {
+                self.spec.base_from_tracker.inverse() * link(target) * self.spec.targets[target].1
+            };
+            samples.push(Sample {
+                time,
+                joints: command.joints,
+                depth: moment.geometry.depth,
+                need: moment.need,
+                lateral: moment.lateral,
+                tilt: moment.geometry.tilt(),
+                board: on_board,
+                tool: on_tool,
+                links: targets.map(link),
+                seen: targets.map(seen),
+            });
+            if let Some([of_board, of_tool]) = &mut controllers {
+                let next = of_board.tick(&on_board);
+                unreached.set(unreached.get() + usize::from(!next.found));
+                board = next.command;
+                of_tool.aim(self.along(feed_at(time + tick)));
+                let next = of_tool.tick(&on_tool);
+                unreached.set(unreached.get() + usize::from(!next.found));
+                tool = next.command;
+            }
+        }
+        let place = Vector2::from(self.wanted.place_mm) * 1e-3;
+        Ok(Bored {
+            mode,
+            samples,
+            miss: hole.mouth.map(|mouth| mouth - place),
+            touch,
+            unreached: unreached.get(),
+        })
+    }
+}
+
+/// A task at a pose in the tracker's frame.
+fn task(
+    target: usize,
+    pose: &Isometry3<f64>,
+    joints: Vec<f64>,
+    load: &DesignLoad,
+) -> Reading {
+    Reading {
+        line: 0,
+        pose: None,
+        repeat: None,
+        target,
+        split: Split::Fit,
+        time: None,
+        temperature: None,
+        link_temperatures: Vec::new(),
+        approach: None,
+        joints,
+        position: pose.translation.vector,
+        orientation: Some(pose.rotation),
+        wrench: None,
+        payload: Some(Payload {
+            mass: load.mass,
+            com: load.com,
+        }),
+        process: None,
+    }
+}
+
+/// The rotation whose z axis points along `z`, and whose x axis points up as far as that allows, then turned about z by
+/// an angle, rad.
+fn facing(z: &Vector3<f64>, up: &Vector3<f64>, turn: f64) -> UnitQuaternion<f64> {
+    let up = match up.cross(z).norm() > 1e-6 * up.norm() {
+        true => *up,
+        // along gravity there is no up: the base's x axis serves
+        false => Vector3::x(),
+    };
+    let y = z.cross(&up).normalize();
+    let x = y.cross(z);
+    let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[x, y, *z]));
+    let about = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), turn);
+    UnitQuaternion::from_rotation_matrix(&rotation) * about
+}
+
+/// Readings of both wrist sensors as a campaign, to be recorded: by turns the board's and the drill's, half a tick apart.
+pub fn recorded(scenario: &Scenario, wanted: &Drilling, hole: &Bored) -> crate::campaign::Campaign {
+    let target = |name: &str| {
+        let found = scenario.setup.targets.iter().position(|t| t.name == *name);
+        found.unwrap_or(0)
+    };
+    let targets = [target(&wanted.board), target(&wanted.tool)];
+    let mut readings = Vec::with_capacity(2 * hole.samples.len());
+    for sample in &hole.samples {
+        for (which, wrench) in [sample.board, sample.tool].into_iter().enumerate() {
+            let pose = &sample.seen[which];
+            let load = DesignLoad {
+                mass: 0.0,
+                com: Vector3::zeros(),
+                pull: Vector3::zeros(),
+            };
+            readings.push(Reading {
+                // the header of the table is line 1
+                line: readings.len() + 2,
+                time: Some(sample.time + which as f64 * 0.5 / wanted.rate_hz),
+                wrench: Some(wrench),
+                payload: None,
+                ..task(targets[which], pose, sample.joints.clone(), &load)
+            });
+        }
+    }
+    crate::campaign::Campaign {
+        noise: None,
+        ..simulate::campaign(scenario, readings)
+    }
+}
