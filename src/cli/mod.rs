@@ -2,9 +2,11 @@
 
 mod compensate;
 mod diagnose;
+mod drill;
 mod effects;
 mod fit;
 mod ladder;
+mod pictures;
 mod plan;
 mod progress;
 mod run;
@@ -36,6 +38,7 @@ enum Command {
     Ladder(ladder::Arguments),
     Plan(plan::Arguments),
     Compensate(compensate::Arguments),
+    Drill(drill::Arguments),
     Run(run::Arguments),
     Effects(effects::Arguments),
     Sweep(sweep::Arguments),
@@ -60,6 +63,7 @@ pub fn main() -> ExitCode {
         Command::Ladder(arguments) => ladder::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Compensate(arguments) => compensate::run(&arguments),
+        Command::Drill(arguments) => drill::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),

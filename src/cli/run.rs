@@ -51,11 +51,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         .campaigns
         .map(|n| n as usize)
         .or(scenario.campaigns);
-    let (document, text) = match (campaigns, &scenario.compensate, &scenario.control_loop) {
-        (Some(campaigns), ..) => study(&scenario, campaigns)?,
-        (None, Some(wanted), _) => corrections(&scenario, wanted)?,
-        (None, None, Some(wanted)) => loops(arguments, &scenario, wanted)?,
-        (None, None, None) => fit_once(arguments, &scenario)?,
+    let folder = arguments.output.as_deref();
+    let (document, text) = if let Some(campaigns) = campaigns {
+        study(&scenario, campaigns)?
+    } else if let Some(wanted) = &scenario.compensate {
+        corrections(&scenario, wanted)?
+    } else if let Some(wanted) = &scenario.control_loop {
+        loops(arguments, &scenario, wanted)?
+    } else if let Some(wanted) = &scenario.drill {
+        super::drill::bore(&scenario, wanted, folder)?
+    } else {
+        fit_once(arguments, &scenario)?
     };
     if let Some(folder) = &arguments.output {
         std::fs::create_dir_all(folder)
@@ -80,7 +86,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     })
 }
 
-fn title(scenario: &Scenario) -> String {
+pub(super) fn title(scenario: &Scenario) -> String {
     let title = if scenario.title.is_empty() {
         String::new()
     } else {

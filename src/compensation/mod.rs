@@ -52,7 +52,11 @@ impl<'a> Robot<'a> {
 
     /// Where the tracker stands in the base frame.
     pub fn base_from_tracker(&self) -> Isometry3<f64> {
-        match self.model.term("tracker_frame").map(|term| term.of(&self.values)) {
+        match self
+            .model
+            .term("tracker_frame")
+            .map(|term| term.of(&self.values))
+        {
             Some(&[x, y, z, rx, ry, rz]) => {
                 Isometry3::new(Vector3::new(x, y, z), Vector3::new(rx, ry, rz))
             }

@@ -3,6 +3,7 @@
 pub mod compensate;
 pub mod control_loop;
 pub mod diagnosis;
+pub mod drill;
 pub mod fit;
 pub mod format;
 pub mod json;

@@ -1,6 +1,7 @@
 //! A scenario's run on the terminal, and as JSON.
 
 use super::control_loop::LoopDocument;
+use super::drill::DrillDocument;
 use super::format::{angle, count, length, number, render, table, wrap};
 use super::json::FitDocument;
 use super::paper::PaperDocument;
@@ -40,6 +41,8 @@ pub struct RunDocument {
     /// Control loops by model, if asked for.
     #[serde(rename = "loop")]
     pub loops: Vec<LoopDocument>,
+    /// Holes drilled, if asked for.
+    pub drill: Option<DrillDocument>,
     /// Expectations.
     pub expect: Vec<Check>,
     /// All expectations met?
@@ -61,6 +64,7 @@ impl RunDocument {
             study: None,
             compensation: Vec::new(),
             loops: Vec::new(),
+            drill: None,
             passed: expect.iter().all(|check| check.met),
             expect,
         }

@@ -219,6 +219,7 @@ impl Scenario {
         own.expect
             .check_compensation(own.compensate.as_ref())
             .map_err(&form)?;
+        own.expect.check_drill(own.drill.as_ref()).map_err(&form)?;
         own.expect
             .check_loop(own.control_loop.as_ref())
             .map_err(&form)?;

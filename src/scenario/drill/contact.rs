@@ -222,19 +222,19 @@ impl<'a> Contact<'a> {
                 // a bent drill: l = k (mouth - meets(thrust, l))
                 Some(mouth) => {
                     let own = c.fixed_view::<2, 2>(1, 1);
-                    let gap = mouth - now.meets - c.fixed_view::<2, 1>(1, 0) * more + own * at.lateral;
+                    let gap =
+                        mouth - now.meets - c.fixed_view::<2, 1>(1, 0) * more + own * at.lateral;
                     let matrix = Matrix2::identity() + own * stiffness;
-                    matrix.try_inverse().map_or(at.lateral, |m| m * gap * stiffness)
+                    matrix
+                        .try_inverse()
+                        .map_or(at.lateral, |m| m * gap * stiffness)
                 }
                 None => skid * thrust,
             }
         };
         let depth = |thrust: f64, lateral: &Vector2<f64>| -> f64 {
             let by = lateral - at.lateral;
-            now.depth
-                + c[(0, 0)] * (thrust - at.need.thrust)
-                + c[(0, 1)] * by.x
-                + c[(0, 2)] * by.y
+            now.depth + c[(0, 0)] * (thrust - at.need.thrust) + c[(0, 1)] * by.x + c[(0, 2)] * by.y
         };
         let revolutions = self.drill.speed * self.tick;
         let need = |thrust: f64| -> Need {

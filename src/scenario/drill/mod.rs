@@ -88,7 +88,7 @@ pub struct Drilling {
     #[serde(default = "half")]
     pub after_s: f64,
     /// How commands are made, each a hole of its own.
-    #[serde(default = "all_modes")]
+    #[serde(default = "all_modes", rename = "commands")]
     pub modes: Vec<Mode>,
     /// Model that corrects, as for `[compensate]`.
     #[serde(default = "default_model")]
@@ -141,6 +141,15 @@ pub enum Mode {
 }
 
 impl Mode {
+    /// As scenarios have it.
+    pub fn key(self) -> &'static str {
+        match self {
+            Mode::Nominal => "nominal",
+            Mode::Static => "static",
+            Mode::Loop => "loop",
+        }
+    }
+
     /// For people.
     pub fn words(self) -> &'static str {
         match self {
@@ -227,7 +236,12 @@ impl Drilling {
         within("approach_s", self.approach_s, 0.1, 10.0)?;
         within("after_s", self.after_s, 0.0, 10.0)?;
         let through = cutting::thickness(&self.layers()) * 1e3 + self.drill().cone() * 1e3;
-        within("length_mm", self.length_mm, through + self.diameter_mm, 500.0)?;
+        within(
+            "length_mm",
+            self.length_mm,
+            through + self.diameter_mm,
+            500.0,
+        )?;
         let ticks = self.duration() * self.rate_hz;
         if ticks > MOST_TICKS {
             return wrong(format!(
@@ -235,7 +249,7 @@ impl Drilling {
             ));
         }
         if self.modes.is_empty() {
-            return wrong("modes is empty; accepted: nominal, static, loop".to_owned());
+            return wrong("commands is empty; accepted: nominal, static, loop".to_owned());
         }
         self.filter.law(self.rate_hz)?;
         Ok(())
@@ -423,8 +437,7 @@ impl<'a> Cell<'a> {
         );
         let turn = facing(&-feed, &up, wanted.board_turn_deg.to_radians());
         let place = Vector3::new(wanted.place_mm[0], wanted.place_mm[1], 0.0) * 1e-3;
-        let base_from_board =
-            Isometry3::from_parts(Translation3::from(hole - turn * place), turn);
+        let base_from_board = Isometry3::from_parts(Translation3::from(hole - turn * place), turn);
         let mut random = generator(scenario.seed, stream::DRILL);
         let mut arm = |target: usize, tool: &Tool, pose: &Isometry3<f64>, word: &str| {
             let load = DesignLoad {
@@ -575,9 +588,8 @@ impl<'a> Cell<'a> {
         let mut samples = Vec::with_capacity(self.draws.len() / 2);
         for (index, draws) in self.draws.chunks(2).enumerate() {
             let time = index as f64 * tick;
-            let feed_at = |time: f64| {
-                touch + self.wanted.feed_rate() * (time - self.wanted.approach_s)
-            };
+            let feed_at =
+                |time: f64| touch + self.wanted.feed_rate() * (time - self.wanted.approach_s);
             if controllers.is_none() || index == 0 {
                 tool = find(&self.tool, &tool, Some(feed_at(time)));
             }
@@ -634,12 +646,7 @@ impl<'a> Cell<'a> {
 }
 
 /// A task at a pose in the tracker's frame.
-fn task(
-    target: usize,
-    pose: &Isometry3<f64>,
-    joints: Vec<f64>,
-    load: &DesignLoad,
-) -> Reading {
+fn task(target: usize, pose: &Isometry3<f64>, joints: Vec<f64>, load: &DesignLoad) -> Reading {
     Reading {
         line: 0,
         pose: None,
