@@ -7,6 +7,7 @@ mod cli;
 mod common;
 mod compensation;
 mod diagnosis;
+mod drill;
 mod dual_quaternion;
 mod effects;
 mod equilibrium;
