@@ -10,6 +10,7 @@ pub mod effects;
 pub mod fit;
 pub mod formula;
 pub mod ladder;
+pub mod map;
 pub mod model;
 pub mod model_file;
 pub mod mujoco;

@@ -112,8 +112,18 @@ fn both_sensors_are_in_equilibrium() {
             }
             cutting += usize::from(sample.need.thrust > 0.1);
             // the tools turn with the arms that give way: by some 20 µrad of 12 N and 1 N·m
-            assert!(force.norm() < 1e-3, "{:?} at {} s: {force}", hole.mode, sample.time);
-            assert!(moment.norm() < 1e-3, "{:?} at {} s: {moment}", hole.mode, sample.time);
+            assert!(
+                force.norm() < 1e-3,
+                "{:?} at {} s: {force}",
+                hole.mode,
+                sample.time
+            );
+            assert!(
+                moment.norm() < 1e-3,
+                "{:?} at {} s: {moment}",
+                hole.mode,
+                sample.time
+            );
         }
         assert!(cutting > 300, "{cutting}");
     }
@@ -133,7 +143,9 @@ fn in_the_steady_cut_the_drill_advances_as_it_is_fed() {
     let (first, last) = (steady[0], steady[steady.len() - 1]);
     let rate = (last.depth - first.depth) / (last.time - first.time);
     assert!((rate / wanted.feed_rate() - 1.0).abs() < 1e-3, "{rate}");
-    let need = wanted.drill().need(&wanted.layers(), 4e-4, wanted.feed_um * 1e-6);
+    let need = wanted
+        .drill()
+        .need(&wanted.layers(), 4e-4, wanted.feed_um * 1e-6);
     assert!((first.need.thrust / need.thrust - 1.0).abs() < 1e-3);
     // what they give way by is the thrust's: the tip is behind its command
     let commanded = wanted.feed_rate() * (last.time - wanted.approach_s);
@@ -153,7 +165,10 @@ fn a_perfect_robot_drills_a_perfect_hole() {
     let hole = &holes(&scenario, &wanted)[0];
     let found = summary(&wanted, hole);
     assert!(found.hole_error_m.unwrap() < 1e-9, "{found:?}");
-    assert!(found.tilt_rad < 1e-9 && found.lateral_peak_N < 1e-6, "{found:?}");
+    assert!(
+        found.tilt_rad < 1e-9 && found.lateral_peak_N < 1e-6,
+        "{found:?}"
+    );
     assert!(found.touch_m.abs() < 1e-9, "{found:?}");
     assert_eq!(found.unreached, 0);
 }

@@ -50,6 +50,24 @@ impl<'a> Robot<'a> {
         }
     }
 
+    /// Stiffness of every joint as the model has it, N·m/rad (N/m); none where it knows of no spring.
+    pub fn stiffness(&self) -> Vec<Option<f64>> {
+        let term = self.model.term("joint_compliance");
+        let compliance = |name: &str| {
+            let term = term?;
+            let index = term.parameters.iter().position(|p| p.name == name)?;
+            Some(term.of(&self.values)[index])
+        };
+        let joints = self.model.setup.robot.joints.iter();
+        joints
+            .map(|joint| {
+                compliance(&joint.name)
+                    .filter(|c| *c > 0.0)
+                    .map(|c| 1.0 / c)
+            })
+            .collect()
+    }
+
     /// Where the tracker stands in the base frame.
     pub fn base_from_tracker(&self) -> Isometry3<f64> {
         match self

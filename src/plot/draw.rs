@@ -296,7 +296,10 @@ fn map(panel: &Panel, map: &Map, area: &Area<'_>) -> Result<(), PlotError> {
     let spans = (x.end - x.start, y.end - y.start);
     let mut chart = axes(panel, area, (x, y), SCALE)?;
     mesh(&mut chart, panel, spans, None)?;
-    let colour = |value: f64| ViridisRGB::get_color_normalized(value, 0.0, top);
+    let colour = |value: f64| {
+        let (r, g, b) = viridis(value / top);
+        RGBColor(r, g, b)
+    };
     let cells = map.values.iter().enumerate().filter_map(|(index, value)| {
         let (column, row) = (index % map.x.len(), index / map.x.len());
         let (x, y) = (map.x[column], map.y[row]);
@@ -305,6 +308,12 @@ fn map(panel: &Panel, map: &Map, area: &Area<'_>) -> Result<(), PlotError> {
     });
     chart.draw_series(cells).map_err(failed)?;
     colour_scale(map, area, top, colour)
+}
+
+/// Viridis at a share from 0 to 1.
+pub(super) fn viridis(share: f64) -> (u8, u8, u8) {
+    let RGBColor(r, g, b) = ViridisRGB::get_color_normalized(share, 0.0, 1.0);
+    (r, g, b)
 }
 
 /// The bar that says which colour is which value.

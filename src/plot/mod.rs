@@ -74,6 +74,11 @@ pub struct Map {
     pub unit: String,
 }
 
+/// Colour of a share from 0 to 1, as maps have it: red, green, blue.
+pub fn colour(share: f64) -> [u8; 3] {
+    draw::viridis(share).into()
+}
+
 /// Why there is no picture.
 #[derive(Debug, thiserror::Error)]
 #[error("the picture cannot be drawn: {0}")]

@@ -204,6 +204,39 @@ impl Message for Transforms {
     ];
 }
 
+/// Points with more numbers each; `data` holds them packed.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct PointCloud {
+    pub(super) header: Header,
+    pub(super) height: u32,
+    pub(super) width: u32,
+    pub(super) fields: Vec<PointField>,
+    pub(super) is_bigendian: bool,
+    pub(super) point_step: u32,
+    pub(super) row_step: u32,
+    pub(super) data: Vec<u8>,
+    pub(super) is_dense: bool,
+}
+
+/// Where a number stands in a point.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct PointField {
+    pub(super) name: String,
+    pub(super) offset: u32,
+    pub(super) datatype: u8,
+    pub(super) count: u32,
+}
+
+impl Message for PointCloud {
+    const NAME: &'static str = "sensor_msgs/msg/PointCloud2";
+    const TEXTS: &'static [(&'static str, &'static str)] = &[
+        text!("sensor_msgs", "PointCloud2"),
+        HEADER,
+        TIME,
+        text!("sensor_msgs", "PointField"),
+    ];
+}
+
 /// What the standard types lack; see `msg/misfit_msgs_Reading.msg`.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct ReadingMessage {

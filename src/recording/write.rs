@@ -63,19 +63,8 @@ fn fill(
     metadata: &BTreeMap<String, String>,
     attachments: &[(String, Vec<u8>)],
 ) -> io::Result<()> {
-    let writer = WriteOptions::new()
-        .profile("ros2")
-        .library(concat!("misfit/", env!("CARGO_PKG_VERSION")))
-        .compression(Some(Compression::Zstd))
-        // One thread and a fixed level: the bytes must not depend on the machine.
-        .compression_threads(0)
-        .compression_level(3)
-        .chunk_size(Some(1 << 20))
-        .create(file)
-        .map_err(io::Error::other)?;
     let mut recorder = Recorder {
-        channels: Channels::default(),
-        writer,
+        writer: writer(file)?,
     };
     // What concerns the whole file comes before the messages, so that a reader of a stream has it.
     let mut record = BTreeMap::from([
@@ -96,10 +85,24 @@ fn fill(
     for (name, bytes) in attachments {
         recorder.attach(name, bytes)?;
     }
-    recorder.channels = Channels::add(&mut recorder.writer)?;
-    recorder.readings(campaign)?;
+    let channels = Channels::add(&mut recorder.writer)?;
+    recorder.readings(campaign, &channels)?;
     recorder.writer.finish().map_err(io::Error::other)?;
     Ok(())
+}
+
+/// A file of the profile `ros2` to be filled.
+pub(super) fn writer<W: Write + Seek>(file: W) -> io::Result<Writer<W>> {
+    WriteOptions::new()
+        .profile("ros2")
+        .library(concat!("misfit/", env!("CARGO_PKG_VERSION")))
+        .compression(Some(Compression::Zstd))
+        // One thread and a fixed level: the bytes must not depend on the machine.
+        .compression_threads(0)
+        .compression_level(3)
+        .chunk_size(Some(1 << 20))
+        .create(file)
+        .map_err(io::Error::other)
 }
 
 /// Log time of each reading, ns, strictly increasing.
@@ -122,7 +125,6 @@ fn log_times(readings: &[Reading]) -> Vec<u64> {
 }
 
 /// Ids of the channels, in the order in which they are made.
-#[derive(Default)]
 struct Channels {
     robot_description: u16,
     tf_static: u16,
@@ -150,7 +152,7 @@ impl Channels {
 }
 
 /// A channel with its schema; a latched one is seen by whoever joins late.
-fn channel<M: Message, W: Write + Seek>(
+pub(super) fn channel<M: Message, W: Write + Seek>(
     writer: &mut Writer<W>,
     topic: &str,
     latched: bool,
@@ -170,13 +172,17 @@ fn channel<M: Message, W: Write + Seek>(
         .map_err(io::Error::other)
 }
 
-struct Recorder<W: Write + Seek> {
-    channels: Channels,
-    writer: Writer<W>,
+/// A file being filled.
+pub(super) struct Recorder<W: Write + Seek> {
+    pub(super) writer: Writer<W>,
 }
 
 impl<W: Write + Seek> Recorder<W> {
-    fn metadata(&mut self, name: &str, metadata: BTreeMap<String, String>) -> io::Result<()> {
+    pub(super) fn metadata(
+        &mut self,
+        name: &str,
+        metadata: BTreeMap<String, String>,
+    ) -> io::Result<()> {
         self.writer
             .write_metadata(&Metadata {
                 name: name.into(),
@@ -185,7 +191,7 @@ impl<W: Write + Seek> Recorder<W> {
             .map_err(io::Error::other)
     }
 
-    fn attach(&mut self, name: &str, bytes: &[u8]) -> io::Result<()> {
+    pub(super) fn attach(&mut self, name: &str, bytes: &[u8]) -> io::Result<()> {
         let media_type = match name.rsplit_once('.') {
             Some((_, "toml")) => "application/toml",
             Some((_, "urdf" | "xml")) => "application/xml",
@@ -203,7 +209,7 @@ impl<W: Write + Seek> Recorder<W> {
             .map_err(io::Error::other)
     }
 
-    fn message<M: Message>(
+    pub(super) fn message<M: Message>(
         &mut self,
         channel: u16,
         sequence: u32,
@@ -222,24 +228,19 @@ impl<W: Write + Seek> Recorder<W> {
             .map_err(io::Error::other)
     }
 
-    fn readings(&mut self, campaign: &Campaign) -> io::Result<()> {
+    fn readings(&mut self, campaign: &Campaign, channels: &Channels) -> io::Result<()> {
         let times = log_times(&campaign.readings);
         let start = times.first().copied().unwrap_or_default();
         let robot = &campaign.robot;
         let description = Text {
             data: description::urdf(robot, &campaign.robot_file),
         };
-        self.message(self.channels.robot_description, 0, start, &description)?;
+        self.message(channels.robot_description, 0, start, &description)?;
         let transforms = fixed(campaign, &header(start, ""));
-        self.message(
-            self.channels.tf_static,
-            0,
-            start,
-            &Transforms { transforms },
-        )?;
+        self.message(channels.tf_static, 0, start, &Transforms { transforms })?;
         for (index, (reading, time)) in campaign.readings.iter().zip(times).enumerate() {
             let sequence = u32::try_from(index).map_err(io::Error::other)?;
-            self.reading(campaign, reading, sequence, time)?;
+            self.reading(campaign, channels, reading, sequence, time)?;
         }
         Ok(())
     }
@@ -247,6 +248,7 @@ impl<W: Write + Seek> Recorder<W> {
     fn reading(
         &mut self,
         campaign: &Campaign,
+        channels: &Channels,
         reading: &Reading,
         sequence: u32,
         time: u64,
@@ -263,23 +265,23 @@ impl<W: Write + Seek> Recorder<W> {
             velocity: Vec::new(),
             effort: Vec::new(),
         };
-        self.message(self.channels.joint_states, sequence, time, &joints)?;
+        self.message(channels.joint_states, sequence, time, &joints)?;
         let transforms = moving(robot, &reading.joints, &header(time, ""));
-        self.message(self.channels.tf, sequence, time, &Transforms { transforms })?;
+        self.message(channels.tf, sequence, time, &Transforms { transforms })?;
         let orientation = reading.orientation.unwrap_or_else(UnitQuaternion::identity);
         let pose = PoseStamped {
             header: header(time, &tracker_frame(robot)),
             position: xyz(&reading.position),
             orientation: xyzw(&orientation),
         };
-        self.message(self.channels.tracker_pose, sequence, time, &pose)?;
+        self.message(channels.tracker_pose, sequence, time, &pose)?;
         if let Some(wrench) = &reading.wrench {
             let wrench = WrenchStamped {
                 header: header(time, link),
                 force: xyz(&wrench.force),
                 torque: xyz(&wrench.torque),
             };
-            self.message(self.channels.wrench, sequence, time, &wrench)?;
+            self.message(channels.wrench, sequence, time, &wrench)?;
         }
         if let Some(temperature) = reading.temperature {
             let temperature = Temperature {
@@ -287,7 +289,7 @@ impl<W: Write + Seek> Recorder<W> {
                 temperature,
                 variance: 0.0,
             };
-            self.message(self.channels.temperature, sequence, time, &temperature)?;
+            self.message(channels.temperature, sequence, time, &temperature)?;
         }
         let rest = ReadingMessage {
             header: header(time, link),
@@ -318,11 +320,11 @@ impl<W: Write + Seek> Recorder<W> {
                 .flat_map(|p| [p.mass, p.com.x, p.com.y, p.com.z])
                 .collect(),
         };
-        self.message(self.channels.reading, sequence, time, &rest)
+        self.message(channels.reading, sequence, time, &rest)
     }
 }
 
-fn header(log_time: u64, frame_id: &str) -> Header {
+pub(super) fn header(log_time: u64, frame_id: &str) -> Header {
     const SECOND: u64 = 1_000_000_000;
     Header {
         stamp: Time {

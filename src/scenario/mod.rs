@@ -6,6 +6,7 @@ pub mod design;
 pub mod drill;
 pub mod efficiency;
 pub mod expect;
+pub mod mapped;
 mod planned;
 mod presets;
 pub mod pull;
@@ -73,6 +74,8 @@ pub struct Scenario {
     pub compensate: Option<compensated::Compensate>,
     /// Poses to be held in a control loop, if wanted.
     pub control_loop: Option<control_loop::ControlLoop>,
+    /// Maps of the workspace, if wanted.
+    pub map: Option<crate::map::Request>,
     /// A board to be drilled by two arms, if wanted.
     pub drill: Option<drill::Drilling>,
     /// What must come out.

@@ -46,6 +46,7 @@ struct OwnKeys {
     compensate: Option<super::compensated::Compensate>,
     #[serde(rename = "loop")]
     control_loop: Option<super::control_loop::ControlLoop>,
+    map: Option<crate::map::Request>,
     drill: Option<super::drill::Drilling>,
     #[serde(default)]
     instead: Vec<InsteadEntry>,
@@ -200,6 +201,9 @@ impl Scenario {
         if let Some(compensate) = &own.compensate {
             compensate.check().map_err(&form)?;
         }
+        if let Some(map) = &own.map {
+            map.check(&setup).map_err(&form)?;
+        }
         if let Some(drill) = &own.drill {
             drill.check(&setup).map_err(&form)?;
         }
@@ -262,6 +266,7 @@ impl Scenario {
             instead,
             compensate: own.compensate,
             control_loop: own.control_loop,
+            map: own.map,
             drill: own.drill,
             expect: own.expect,
             blind: own.blind,

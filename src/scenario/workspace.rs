@@ -113,8 +113,8 @@ fn survey_target(
     let all = original
         .visit_all(&postures, |plant, joints| {
             on_posture();
-            let bare = state(plant, spec, joints, target, None)?;
-            let loaded = state(plant, spec, joints, target, load)?;
+            let bare = held(plant, spec, joints, target, None)?;
+            let loaded = held(plant, spec, joints, target, load)?;
             Ok(bare.zip(loaded).map(|(bare, loaded)| {
                 let moved = loaded.translation.vector - bare.translation.vector;
                 (moved.norm(), loaded.rotation.angle_to(&bare.rotation))
@@ -134,8 +134,8 @@ fn survey_target(
     })
 }
 
-/// Pose of the target; none where the arm does not hold.
-fn state(
+/// Pose of the target at rest under a load; none where the arm does not hold.
+pub(super) fn held(
     plant: &mut Plant,
     spec: &PlantSpec,
     joints: &[f64],

@@ -1,0 +1,523 @@
+//! Maps of the workspace: how far a robot's target is off where it would be, over a slice or a volume.
+//!
+//! Each point is reached by the nominal robot, in the posture that is nearest to one of reference. There the arm is loaded:
+//! by the model here, by the plant in `scenario/mapped.rs`. A redundant arm reaches a point in many postures, and gives way
+//! in each differently: a map is of its reference.
+
+use crate::campaign::{Payload, Reading, Split};
+use crate::compensation::{End, Reach, Robot, solve};
+use crate::model::{Prediction, Workspace};
+use crate::plan::space::Space;
+use crate::setup::Setup;
+use nalgebra::{UnitQuaternion, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Points of a map at most.
+const MOST_POINTS: usize = 1_000_000;
+/// Points if nothing says how many.
+const POINTS: usize = 10_000;
+
+/// `[map]` of a scenario, and what the command line says besides.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Request {
+    /// Targets; all if left out.
+    pub targets: Option<Vec<String>>,
+    /// Axes of the base frame, two for a slice or three for a volume: `xz` if left out.
+    pub plane: Option<String>,
+    /// Where a slice lies on the third axis, m; through the posture of reference if left out.
+    pub at_m: Option<f64>,
+    /// Least and greatest along each axis, m; all that the arm can reach if left out.
+    pub range_m: Option<Vec<[f64; 2]>>,
+    /// Points, about.
+    pub points: Option<usize>,
+    /// Who tells: model, plant, or both.
+    pub by: Option<Vec<By>>,
+    /// Model, as for `[compensate]`.
+    pub model: Option<String>,
+    /// Which error.
+    #[serde(default)]
+    pub error: Which,
+    /// Hold the orientation that the posture of reference has? Else any will do.
+    #[serde(default)]
+    pub hold_orientation: bool,
+    /// Posture of reference: rad (m) by joint; joints left out stand in the middle of their ranges.
+    #[serde(default)]
+    pub posture_rad: BTreeMap<String, f64>,
+}
+
+/// Who tells how far the arm is off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum By {
+    /// The model.
+    Model,
+    /// MuJoCo.
+    Plant,
+}
+
+/// Which error is mapped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Which {
+    /// What the load does: loaded against not loaded.
+    #[default]
+    Load,
+    /// All: loaded against the nominal robot.
+    Total,
+}
+
+impl By {
+    /// For people.
+    pub fn words(self) -> &'static str {
+        match self {
+            By::Model => "the model",
+            By::Plant => "MuJoCo",
+        }
+    }
+}
+
+impl Which {
+    /// For people.
+    pub fn words(self) -> &'static str {
+        match self {
+            Which::Load => "deflection",
+            Which::Total => "error",
+        }
+    }
+}
+
+/// Points in the base frame, m.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Grid {
+    /// Axes that vary, the first one fastest.
+    pub axes: Vec<usize>,
+    /// The coordinates that do not.
+    pub at: Vector3<f64>,
+    /// Least and greatest along each of the axes.
+    pub ranges: Vec<(f64, f64)>,
+    /// Points along each.
+    pub counts: Vec<usize>,
+}
+
+impl Grid {
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.counts.iter().product()
+    }
+
+    /// Is there no point?
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Coordinates of the points along one of the axes, m.
+    pub fn along(&self, axis: usize) -> Vec<f64> {
+        let (least, most) = self.ranges[axis];
+        let count = self.counts[axis];
+        let step = (most - least) / count as f64;
+        // points are the middles of cells
+        (0..count)
+            .map(|k| least + (k as f64 + 0.5) * step)
+            .collect()
+    }
+
+    /// A point by its index.
+    pub fn point(&self, mut index: usize) -> Vector3<f64> {
+        let mut point = self.at;
+        for (k, &axis) in self.axes.iter().enumerate() {
+            let (least, most) = self.ranges[k];
+            let count = self.counts[k];
+            let step = (most - least) / count as f64;
+            point[axis] = least + ((index % count) as f64 + 0.5) * step;
+            index /= count;
+        }
+        point
+    }
+}
+
+/// Letters of the axes.
+pub const AXES: [&str; 3] = ["x", "y", "z"];
+
+impl Request {
+    /// Refuses what makes no sense for a robot.
+    ///
+    /// # Errors
+    /// A sentence that names the key.
+    pub fn check(&self, setup: &Setup) -> Result<(), String> {
+        self.targets(setup)?;
+        let axes = self.axes()?;
+        let wrong = |what: String| Err(format!("[map] {what}"));
+        if let Some(at) = self.at_m {
+            if axes.len() == 3 {
+                return wrong(
+                    "at_m is of a slice, but plane names all three axes; leave it out".to_owned(),
+                );
+            }
+            if !(at.abs() <= 100.0) {
+                return wrong(format!("at_m is {at}; accepted: -100 to 100"));
+            }
+        }
+        if let Some(ranges) = &self.range_m {
+            let good = |range: &[f64; 2]| {
+                range.iter().all(|x| x.abs() <= 100.0) && range[1] - range[0] >= 1e-3
+            };
+            if ranges.len() != axes.len() || !ranges.iter().all(good) {
+                return wrong(format!(
+                    "range_m is {ranges:?}; accepted: {} pairs [least, greatest] in m, -100 to 100, at least 1 mm apart",
+                    axes.len()
+                ));
+            }
+        }
+        if let Some(points) = self.points
+            && !(4..=MOST_POINTS).contains(&points)
+        {
+            return wrong(format!("points is {points}; accepted: 4 to {MOST_POINTS}"));
+        }
+        if self.by.as_ref().is_some_and(Vec::is_empty) {
+            return wrong("by is empty; accepted: \"model\", \"plant\"".to_owned());
+        }
+        for (name, angle) in &self.posture_rad {
+            if setup.robot.joint(name).is_none() {
+                let known: Vec<&str> = setup.robot.joints.iter().map(|j| j.name.as_str()).collect();
+                return wrong(format!(
+                    "posture_rad: no joint is called \"{name}\"; known: {}",
+                    known.join(", ")
+                ));
+            }
+            if !angle.is_finite() {
+                return wrong(format!(
+                    "posture_rad: {name} is {angle}; accepted: a finite number"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// Targets by index.
+    ///
+    /// # Errors
+    /// For a name that no target has.
+    pub fn targets(&self, setup: &Setup) -> Result<Vec<usize>, String> {
+        let Some(names) = &self.targets else {
+            return Ok((0..setup.targets.len()).collect());
+        };
+        let known = || {
+            let names: Vec<&str> = setup.targets.iter().map(|t| t.name.as_str()).collect();
+            names.join(", ")
+        };
+        if names.is_empty() {
+            return Err(format!("[map] targets is empty; accepted: {}", known()));
+        }
+        let find = |name: &String| {
+            let found = setup.targets.iter().position(|t| t.name == *name);
+            found.ok_or_else(|| format!("[map] no target is called \"{name}\"; known: {}", known()))
+        };
+        names.iter().map(find).collect()
+    }
+
+    /// Axes by index.
+    fn axes(&self) -> Result<Vec<usize>, String> {
+        let plane = self.plane.as_deref().unwrap_or("xz");
+        let found: Option<Vec<usize>> = plane.chars().map(|c| "xyz".find(c)).collect();
+        let distinct = |axes: &[usize]| (1..axes.len()).all(|k| !axes[..k].contains(&axes[k]));
+        match found {
+            Some(axes) if matches!(axes.len(), 2 | 3) && distinct(&axes) => Ok(axes),
+            _ => Err(format!(
+                "[map] plane is \"{plane}\"; accepted: two axes of the base frame for a slice, such as xz, or xyz for a volume"
+            )),
+        }
+    }
+
+    /// The posture of reference, by joint of the robot, rad (m).
+    pub fn posture(&self, setup: &Setup, space: &Space) -> Vec<f64> {
+        let joints = setup.robot.joints.iter().zip(&space.ranges);
+        joints
+            .map(|(joint, (least, most))| {
+                let told = self.posture_rad.get(&joint.name).copied();
+                told.unwrap_or((least + most) / 2.0)
+            })
+            .collect()
+    }
+
+    /// The points for a target whose arm stands in a posture of reference.
+    ///
+    /// # Errors
+    /// For axes that are none.
+    pub fn grid(&self, setup: &Setup, target: usize, posture: &[f64]) -> Result<Grid, String> {
+        let axes = self.axes()?;
+        let link = &setup.robot.links[setup.targets[target].link];
+        let poses = setup.robot.body_poses(posture);
+        let mut at = (poses[link.body] * link.body_from_link).translation.vector;
+        if let Some(told) = self.at_m
+            && let Some(third) = (0..3).find(|axis| !axes.contains(axis))
+        {
+            at[third] = told;
+        }
+        let (centre, radius) = ball(setup, target, &poses);
+        let ranges: Vec<(f64, f64)> = match &self.range_m {
+            Some(ranges) => ranges.iter().map(|r| (r[0], r[1])).collect(),
+            None => axes
+                .iter()
+                .map(|&axis| (centre[axis] - radius, centre[axis] + radius))
+                .collect(),
+        };
+        // cells as square as can be
+        let points = self.points.unwrap_or(POINTS) as f64;
+        let whole: f64 = ranges.iter().map(|(a, b)| b - a).product();
+        let step = (whole / points).powf(1.0 / axes.len() as f64);
+        let counts = ranges
+            .iter()
+            .map(|(a, b)| (((b - a) / step).round() as usize).max(1))
+            .collect();
+        Ok(Grid {
+            axes,
+            at,
+            ranges,
+            counts,
+        })
+    }
+}
+
+/// Where a target can be at most: around the second joint of its arm (the first where there is no other), by the sum of
+/// what lies behind it.
+fn ball(setup: &Setup, target: usize, poses: &[nalgebra::Isometry3<f64>]) -> (Vector3<f64>, f64) {
+    let robot = &setup.robot;
+    let link = &robot.links[setup.targets[target].link];
+    let chain = robot.chain(link.body);
+    let from = usize::from(chain.len() > 1);
+    let mut radius = link.body_from_link.translation.vector.norm();
+    for &joint in &chain[from + 1..] {
+        let joint = &robot.joints[joint];
+        radius += joint.parent_from_joint.translation.vector.norm();
+        if joint.load_row() == 0 {
+            radius += joint.limits.map_or(0.0, |(a, b)| a.abs().max(b.abs()));
+        }
+    }
+    let first = &robot.joints[chain[from]];
+    let centre = (poses[first.parent] * first.parent_from_joint)
+        .translation
+        .vector;
+    // what a slide before it adds is left to range_m
+    (centre, radius)
+}
+
+/// Postures in which the nominal robot has its target at the points of a grid, by joint of the robot, rad (m); none where
+/// it does not reach.
+///
+/// Row by row from the column that is nearest to the posture of reference outwards, each from its neighbour's; rows in
+/// parallel, with the same result for any number of threads.
+pub fn postures(
+    robot: &Robot<'_>,
+    target: usize,
+    grid: &Grid,
+    posture: &[f64],
+    (reach, hold_orientation): (&Reach, bool),
+) -> Vec<Option<Vec<f64>>> {
+    let setup = &robot.model.setup;
+    let poses = setup.robot.body_poses(posture);
+    let (centre, radius) = ball(setup, target, &poses);
+    // a ball about the arm's second joint holds only where the first one stays
+    let chain = setup.robot.chain(setup.target_body(target));
+    let fixed = chain
+        .first()
+        .is_none_or(|joint| !reach.moving.contains(joint));
+    let link = &setup.robot.links[setup.targets[target].link];
+    let home = poses[link.body] * link.body_from_link;
+    let tracker_from_base = robot.base_from_tracker().inverse();
+    let width = grid.counts[0];
+    let start = (0..width)
+        .min_by(|&a, &b| {
+            let off = |column: usize| {
+                (grid.point(column)[grid.axes[0]] - home.translation.vector[grid.axes[0]]).abs()
+            };
+            off(a).total_cmp(&off(b))
+        })
+        .unwrap_or(0);
+    let rows: Vec<Vec<Option<Vec<f64>>>> = (0..grid.len() / width)
+        .into_par_iter()
+        .map(|row| {
+            let mut workspace = Workspace::new(setup);
+            let mut task = task(target, posture.to_vec(), None);
+            let mut found: Vec<Option<Vec<f64>>> = vec![None; width];
+            let mut visit = |columns: &mut dyn Iterator<Item = usize>| {
+                let mut near = posture.to_vec();
+                for column in columns {
+                    if let Some(seen) = &found[column] {
+                        near.clone_from(seen);
+                        continue;
+                    }
+                    let point = grid.point(row * width + column);
+                    if fixed && (point - centre).norm() > radius {
+                        continue;
+                    }
+                    task.position = (tracker_from_base * nalgebra::Point3::from(point)).coords;
+                    task.orientation =
+                        hold_orientation.then(|| tracker_from_base.rotation * home.rotation);
+                    let from = (&near[..], posture);
+                    let p = &robot.nominal;
+                    let there = solve(&mut workspace, robot.model, p, &task, from, reach);
+                    if there.end == End::Reached {
+                        near.clone_from(&there.joints);
+                        found[column] = Some(there.joints);
+                    } else {
+                        near.clear();
+                        near.extend_from_slice(posture);
+                    }
+                }
+            };
+            visit(&mut (start..width));
+            visit(&mut (0..=start).rev());
+            found
+        })
+        .collect();
+    rows.into_iter().flatten().collect()
+}
+
+/// How far a target is off.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Off {
+    /// m.
+    pub position: f64,
+    /// rad.
+    pub orientation: f64,
+}
+
+impl Off {
+    /// Between two poses.
+    pub fn between(a: &Prediction, b: &Prediction) -> Self {
+        Self {
+            position: (a.position - b.position).norm(),
+            orientation: a.orientation.angle_to(&b.orientation),
+        }
+    }
+}
+
+/// How far the model is off at postures under a load; none where there is no posture, or the arm does not hold.
+pub fn by_model(
+    robot: &Robot<'_>,
+    target: usize,
+    postures: &[Option<Vec<f64>>],
+    load: &Payload,
+    which: Which,
+) -> Vec<Option<Off>> {
+    /// Postures of one job.
+    const RUN: usize = 64;
+    let runs: Vec<Vec<Option<Off>>> = postures
+        .par_chunks(RUN)
+        .map(|run| {
+            let mut workspace = Workspace::new(&robot.model.setup);
+            let mut off = |joints: &Vec<f64>| {
+                let mut reading = task(target, joints.clone(), Some(*load));
+                let loaded = workspace.predict(robot.model, &robot.values, &reading);
+                let against = match which {
+                    Which::Load => {
+                        reading.payload = Some(Payload { mass: 0.0, ..*load });
+                        workspace.predict(robot.model, &robot.values, &reading)
+                    }
+                    Which::Total => workspace.predict(robot.model, &robot.nominal, &reading),
+                };
+                let settled = loaded.settled && against.settled;
+                settled.then(|| Off::between(&loaded, &against))
+            };
+            run.iter().map(|joints| off(joints.as_ref()?)).collect()
+        })
+        .collect();
+    runs.into_iter().flatten().collect()
+}
+
+/// A reading still to be, at joint angles and under a load.
+fn task(target: usize, joints: Vec<f64>, payload: Option<Payload>) -> Reading {
+    Reading {
+        line: 0,
+        pose: None,
+        repeat: None,
+        target,
+        split: Split::Fit,
+        time: None,
+        temperature: None,
+        link_temperatures: Vec::new(),
+        approach: None,
+        joints,
+        position: Vector3::zeros(),
+        orientation: Some(UnitQuaternion::identity()),
+        wrench: None,
+        payload,
+        process: None,
+    }
+}
+
+/// A map of one target.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Map {
+    /// Index of the target.
+    pub target: usize,
+    /// Its points.
+    pub grid: Grid,
+    /// Postures by point.
+    pub postures: Vec<Option<Vec<f64>>>,
+    /// Who tells.
+    pub by: By,
+    /// By point.
+    pub off: Vec<Option<Off>>,
+}
+
+/// A map in a few numbers.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MapSummary {
+    /// Target.
+    pub target: String,
+    /// Who tells.
+    pub by: By,
+    /// Points of the grid.
+    pub points: usize,
+    /// Of them in reach.
+    pub reached: usize,
+    /// Of these, points where the arm does not hold the load.
+    pub collapsed: usize,
+    /// Median, m.
+    pub position_median_m: f64,
+    /// Largest, m.
+    pub position_max_m: f64,
+    /// Where it is largest, base frame, m.
+    pub position_max_at_m: [f64; 3],
+    /// Median, rad.
+    pub orientation_median_rad: f64,
+    /// Largest, rad.
+    pub orientation_max_rad: f64,
+}
+
+impl Map {
+    /// Sums it up.
+    pub fn summary(&self, setup: &Setup) -> MapSummary {
+        let off: Vec<Off> = self.off.iter().copied().flatten().collect();
+        let sorted = |of: fn(&Off) -> f64| {
+            let mut all: Vec<f64> = off.iter().map(of).collect();
+            all.sort_by(f64::total_cmp);
+            all
+        };
+        let positions = sorted(|o| o.position);
+        let orientations = sorted(|o| o.orientation);
+        let middle = |all: &[f64]| all.get(all.len() / 2).copied().unwrap_or(0.0);
+        let last = |all: &[f64]| all.last().copied().unwrap_or(0.0);
+        let worst = (0..self.off.len()).max_by(|&a, &b| {
+            let size = |k: usize| self.off[k].map_or(-1.0, |o| o.position);
+            size(a).total_cmp(&size(b))
+        });
+        let reached = self.postures.iter().flatten().count();
+        MapSummary {
+            target: setup.targets[self.target].name.clone(),
+            by: self.by,
+            points: self.grid.len(),
+            reached,
+            collapsed: reached - off.len(),
+            position_median_m: middle(&positions),
+            position_max_m: last(&positions),
+            position_max_at_m: worst.map_or([0.0; 3], |k| self.grid.point(k).into()),
+            orientation_median_rad: middle(&orientations),
+            orientation_max_rad: last(&orientations),
+        }
+    }
+}

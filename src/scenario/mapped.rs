@@ -1,0 +1,141 @@
+//! Maps of a scenario: by the plant, by a model fitted to its campaign, or by both.
+
+use super::compensated::learn;
+use super::design::DesignLoad;
+use super::workspace::held;
+use super::{Scenario, ScenarioError, simulate};
+use crate::campaign::Payload;
+use crate::compensation::{Reach, Robot};
+use crate::map::{By, Map, Off, Request, Which, by_model, postures};
+use crate::plant::{Plant, PlantError};
+use nalgebra::Vector3;
+
+/// Maps of one request, and the springs that stand behind them.
+#[derive(Debug, Clone)]
+pub struct Maps {
+    /// By target, then by who tells.
+    pub maps: Vec<Map>,
+    /// Stiffness of every joint, N·m/rad (N/m), by who tells; none is rigid, or not known.
+    pub stiffness: Vec<(By, Vec<Option<f64>>)>,
+    /// The load.
+    pub load: Payload,
+}
+
+/// Maps the scenario's last load.
+///
+/// # Errors
+/// If plant or model cannot be built, or the request does not fit the robot.
+pub fn map(
+    scenario: &Scenario,
+    wanted: &Request,
+    on_posture: impl Fn() + Sync,
+) -> Result<Maps, ScenarioError> {
+    let of_plant = |source: PlantError| ScenarioError::Plant {
+        file: scenario.file.clone(),
+        source,
+    };
+    let form = |message: String| ScenarioError::Form {
+        file: scenario.file.clone(),
+        message,
+    };
+    wanted.check(&scenario.setup).map_err(form)?;
+    let form = |message: String| ScenarioError::Form {
+        file: scenario.file.clone(),
+        message,
+    };
+    let setup = &scenario.setup;
+    let by = wanted.by.clone().unwrap_or_else(|| vec![By::Plant]);
+    let load = scenario.design.loads.last().map_or(
+        Payload {
+            mass: 0.0,
+            com: Vector3::zeros(),
+        },
+        |load| Payload {
+            mass: load.mass,
+            com: load.com,
+        },
+    );
+    // a map by the plant alone needs no readings: the frames come from the scenario
+    let campaign = match by.contains(&By::Model) {
+        true => simulate::simulate(scenario, || {})?,
+        false => simulate::campaign(scenario, Vec::new()),
+    };
+    let name = match by.contains(&By::Model) {
+        true => wanted.model.as_deref().unwrap_or("default"),
+        false => "true",
+    };
+    let (model, values, _) = learn(scenario, &campaign, "[map] model", name)?;
+    let robot = Robot::new(&model, &values);
+    let spec = simulate::plant_spec(scenario).map_err(of_plant)?;
+    let space = &scenario.design.space;
+    let posture = wanted.posture(setup, space);
+    let mut maps = Vec::new();
+    for target in wanted.targets(setup).map_err(form)? {
+        let chain = setup.robot.chain(setup.target_body(target));
+        let reach = Reach {
+            moving: chain
+                .into_iter()
+                .filter(|&joint| space.ranges[joint].0 < space.ranges[joint].1)
+                .collect(),
+            ranges: space.ranges.clone(),
+        };
+        let grid = wanted.grid(setup, target, &posture).map_err(form)?;
+        let hold = (&reach, wanted.hold_orientation);
+        let found = postures(&robot, target, &grid, &posture, hold);
+        for &by in &by {
+            let off = match by {
+                By::Model => by_model(&robot, target, &found, &load, wanted.error),
+                By::Plant => {
+                    let plant = Plant::build(&spec).map_err(of_plant)?;
+                    let nominal = |joints: &[f64]| {
+                        let link = &setup.robot.links[setup.targets[target].link];
+                        setup.robot.body_poses(joints)[link.body]
+                            * link.body_from_link
+                            * spec.targets[target].1
+                    };
+                    let hanging = DesignLoad {
+                        mass: load.mass,
+                        com: load.com,
+                        pull: Vector3::zeros(),
+                    };
+                    plant
+                        .visit_all(&found, |plant, joints| {
+                            on_posture();
+                            let Some(joints) = joints else {
+                                return Ok(None);
+                            };
+                            let loaded = held(plant, &spec, joints, target, Some(&hanging))?;
+                            let against = match wanted.error {
+                                Which::Load => held(plant, &spec, joints, target, None)?,
+                                Which::Total => Some(nominal(joints)),
+                            };
+                            Ok(loaded.zip(against).map(|(a, b)| Off {
+                                position: (a.translation.vector - b.translation.vector).norm(),
+                                orientation: a.rotation.angle_to(&b.rotation),
+                            }))
+                        })
+                        .map_err(of_plant)?
+                }
+            };
+            maps.push(Map {
+                target,
+                grid: grid.clone(),
+                postures: found.clone(),
+                by,
+                off,
+            });
+        }
+    }
+    let stiffness = by.iter().map(|&by| {
+        let springs = match by {
+            By::Plant => spec.stiffness.clone(),
+            By::Model => robot.stiffness(),
+        };
+        (by, springs)
+    });
+    Ok(Maps {
+        stiffness: stiffness.collect(),
+        maps,
+        load,
+    })
+}
