@@ -890,9 +890,11 @@ pub fn recorded(
     let traces = looped.traces.iter().filter(|t| t.filter == filter);
     let readings = traces.enumerate().flat_map(|(index, trace)| {
         let start = index as f64 * wanted.duration_s;
-        trace.moments.iter().map(move |moment| Reading {
+        let moments = trace.moments.iter().enumerate();
+        moments.map(move |(tick, moment)| Reading {
             line: 0,
-            pose: Some(format!("{}", trace.pose + 1)),
+            // no two ticks have the same command
+            pose: Some(format!("{}.{}", trace.pose + 1, tick + 1)),
             repeat: None,
             target: wanted.target(&scenario.setup),
             split: crate::campaign::Split::Fit,
