@@ -399,4 +399,13 @@ fn loops_that_make_no_sense_are_refused() {
         out.contains("MISSED share") && out.contains("expect   2 of 3 met"),
         "{out}"
     );
+    // a tool under which the arm folds up: no pose is held, which is not to be held well
+    let heavy = expect("model = \"true\"\nfilter = \"none\"\nposition_max_um = 1e9");
+    let (code, out, _) = run(&heavy.replace("mass_kg = 1.5", "mass_kg = 1e6"));
+    assert_eq!(code, Some(3), "{out}");
+    assert!(
+        out.contains("2 poses left out") && !out.contains("0 mm"),
+        "{out}"
+    );
+    assert!(out.contains("expect   0 of 2 met"), "{out}");
 }

@@ -71,9 +71,11 @@ pub fn text(scenario: &Scenario, wanted: &ControlLoop, all: &[Looped]) -> String
             model_name(&looped.model),
         );
         let _ = writeln!(out, "{}\n", wrap(&head, 9));
-        let _ = writeln!(out, "{}\n", without_sensor(looped));
-        let _ = writeln!(out, "{}\n", by_filter(looped));
-        out += &verdict(looped);
+        if looped.poses > 0 {
+            let _ = writeln!(out, "{}\n", without_sensor(looped));
+            let _ = writeln!(out, "{}\n", by_filter(looped));
+            out += &verdict(looped);
+        }
         if let Some((name, moved)) = &looped.unseen {
             let line = format!(
                 "unseen   {name}: no reading of the campaign shows it, but the pull bears on it; a typical size of it moves \

@@ -361,7 +361,7 @@ pub struct Trace {
     pub moments: Vec<Moment>,
 }
 
-/// Errors of a way to correct, over all poses and ticks.
+/// Errors of a way to correct, over all poses and ticks; not numbers if no pose was held.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Errors {
     /// Root mean square.
@@ -788,14 +788,19 @@ impl Sum {
         self.count += 1;
     }
 
+    /// Not numbers where nothing was added: no pose held is no pose held well.
     fn errors(&self) -> Errors {
-        let mean = |sum: f64| (sum / self.count.max(1) as f64).sqrt();
+        let mean = |sum: f64| (sum / self.count as f64).sqrt();
+        let most = |most: f64| if self.count > 0 { most } else { f64::NAN };
         Errors {
             rms: Miss {
                 position_m: mean(self.squares.position_m),
                 orientation_rad: mean(self.squares.orientation_rad),
             },
-            most: self.most,
+            most: Miss {
+                position_m: most(self.most.position_m),
+                orientation_rad: most(self.most.orientation_rad),
+            },
         }
     }
 }
