@@ -19,6 +19,7 @@ pub struct LoopDocument {
     duration_s: f64,
     poses: usize,
     left_out: usize,
+    unseen: Option<String>,
     nominal: Errors,
     tool_alone: Errors,
     at_once: Errors,
@@ -41,6 +42,7 @@ pub fn document(wanted: &ControlLoop, looped: &Looped) -> LoopDocument {
         duration_s: wanted.duration_s,
         poses: looped.poses,
         left_out: looped.left_out,
+        unseen: looped.unseen.as_ref().map(|(name, _)| name.clone()),
         nominal: looped.nominal,
         tool_alone: looped.tool_alone,
         at_once: looped.at_once,
@@ -69,9 +71,19 @@ pub fn text(scenario: &Scenario, wanted: &ControlLoop, all: &[Looped]) -> String
             model_name(&looped.model),
         );
         let _ = writeln!(out, "{}\n", wrap(&head, 9));
-        let _ = writeln!(out, "{}\n", without_sensor(looped));
-        let _ = writeln!(out, "{}\n", by_filter(looped));
-        out += &verdict(looped);
+        if looped.poses > 0 {
+            let _ = writeln!(out, "{}\n", without_sensor(looped));
+            let _ = writeln!(out, "{}\n", by_filter(looped));
+            out += &verdict(looped);
+        }
+        if let Some((name, moved)) = &looped.unseen {
+            let line = format!(
+                "unseen   {name}: no reading of the campaign shows it, but the pull bears on it; a typical size of it moves \
+                 a pose held by {}",
+                length(*moved)
+            );
+            let _ = writeln!(out, "{}", wrap(&line, 9));
+        }
         if looped.left_out > 0 {
             let line = format!(
                 "far      {} left out: no command reaches them under the tool",
@@ -123,7 +135,7 @@ fn without_sensor(looped: &Looped) -> String {
 
 fn by_filter(looped: &Looped) -> String {
     let header = [
-        "measured, filter",
+        "filter",
         "delay",
         "noise ×",
         "error, rms",
@@ -133,9 +145,17 @@ fn by_filter(looped: &Looped) -> String {
         "falls by",
     ];
     let mut rows = table(&header, &[1, 2, 3, 4, 5, 6, 7]);
+    let mut above = "";
     for filtered in &looped.filters {
+        // one beneath the same filter without a look ahead needs no name of its own
+        let repeated = filtered.filter.strip_prefix(above);
+        let name = match repeated {
+            Some(", predicted") if !above.is_empty() => "  … predicted".to_owned(),
+            _ => filtered.filter.clone(),
+        };
+        above = &filtered.filter;
         rows.add_row(vec![
-            filtered.filter.clone(),
+            name,
             milliseconds(filtered.delay_s),
             format!("{:.3}", filtered.noise_gain),
             length(filtered.errors.rms.position_m),
@@ -163,13 +183,8 @@ fn verdict(looped: &Looped) -> String {
             false => "WORSE: it brings more noise than it takes delay",
         };
         let line = format!(
-            "ahead    {}, {}: from delay {} → {}, from noise {} → {}; in all {} → {}, {what}",
+            "ahead    {}: {} → {}, {what}",
             plain.filter,
-            milliseconds(ahead.foreseen_s),
-            length(plain.lag.position_m),
-            length(ahead.lag.position_m),
-            length(plain.noise.position_m),
-            length(ahead.noise.position_m),
             length(before),
             length(after),
         );
@@ -188,7 +203,7 @@ fn verdict(looped: &Looped) -> String {
         let most = parts.iter().max_by(|a, b| f64::total_cmp(&a.1, &b.1));
         let most = most.map_or("", |(name, _)| name);
         let line = format!(
-            "best     {}: {} are left, of which the model {}, delay {}, noise {}: mostly {most}",
+            "best     {}: {} are left; alone the model leaves {}, delay {}, noise {}: mostly {most}",
             best.filter,
             length(best.errors.rms.position_m),
             length(parts[0].1),
@@ -204,7 +219,7 @@ fn milliseconds(seconds: f64) -> String {
     format!("{} ms", number(seconds * 1e3))
 }
 
-/// Every tick of every run as a table: SI, columns with their units; `before` is what the command corrected for the tool
+/// Every tick of every run as a table: SI, ten digits, columns with their units; `before` is what the command corrected for the tool
 /// alone would miss the pose by, `after` what the command in force does (tracker's frame).
 ///
 /// # Errors
@@ -260,7 +275,7 @@ pub fn write_csv(
                     format!("{}", trace.pose + 1),
                     format!("{}", moment.time),
                 ];
-                row.extend(numbers.iter().flatten().map(|x| format!("{x:e}")));
+                row.extend(numbers.iter().flatten().map(|x| format!("{x:.9e}")));
                 writer.write_record(&row)?;
             }
         }

@@ -15,7 +15,8 @@ use super::{Scenario, ScenarioError, simulate};
 use crate::campaign::{Campaign, Noise, Reading, Wrench};
 use crate::compensation::controller::Controller;
 use crate::compensation::filter::Law;
-use crate::compensation::{End, Reach, Robot, error, solve};
+use crate::compensation::{End, Reach, Robot, correct, error, solve};
+use crate::fit::Fit;
 use crate::model::Workspace;
 use crate::plan::space::{Space, generator};
 use crate::plant::instruments::{Draws, read};
@@ -360,7 +361,7 @@ pub struct Trace {
     pub moments: Vec<Moment>,
 }
 
-/// Errors of a way to correct, over all poses and ticks.
+/// Errors of a way to correct, over all poses and ticks; not numbers if no pose was held.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Errors {
     /// Root mean square.
@@ -401,6 +402,9 @@ pub struct Looped {
     pub poses: usize,
     /// Poses left out: no command reaches them under the tool.
     pub left_out: usize,
+    /// The parameter that the campaign did not see and that matters most where the pull is largest, and by what a typical
+    /// size of it would move a pose held, m.
+    pub unseen: Option<(String, f64)>,
     /// By the nominal robot's commands.
     pub nominal: Errors,
     /// By commands that the model corrects for the tool alone, once.
@@ -495,7 +499,7 @@ fn hold_by(
         file: scenario.file.clone(),
         source,
     };
-    let (model, values, _) = learn(scenario, campaign, "[loop] models", name)?;
+    let (model, values, found) = learn(scenario, campaign, "[loop] models", name)?;
     let setup = &scenario.setup;
     let spec = simulate::plant_spec(scenario).map_err(of_plant)?;
     let robot = Robot::new(&model, &values);
@@ -531,7 +535,12 @@ fn hold_by(
         .iter()
         .flat_map(|pose| each.iter().map(move |job| (pose, *job)))
         .collect();
-    let original = Mutex::new(Plant::build(&spec).map_err(of_plant)?);
+    let mut plant = Plant::build(&spec).map_err(of_plant)?;
+    let unseen = match &found {
+        Some(found) => cell.unseen(&mut plant, &poses, found).map_err(of_plant)?,
+        None => None,
+    };
+    let original = Mutex::new(plant);
     let outcomes: Vec<Outcome> = jobs
         .par_iter()
         .map(|&(held, job)| {
@@ -550,13 +559,11 @@ fn hold_by(
         })
         .collect::<Result<_, PlantError>>()
         .map_err(of_plant)?;
-    Ok(summed_up(
-        wanted,
-        name,
-        &laws,
-        asked - poses.len(),
-        outcomes.chunks(each.len()),
-    ))
+    Ok(Looped {
+        left_out: asked - poses.len(),
+        unseen,
+        ..summed_up(wanted, name, &laws, outcomes.chunks(each.len()))
+    })
 }
 
 /// The poses that commands reach under the tool, and how many were asked for.
@@ -668,6 +675,39 @@ impl Cell<'_> {
         )
     }
 
+    /// See [`Looped::unseen`].
+    fn unseen(
+        &self,
+        plant: &mut Plant,
+        poses: &[Held],
+        fit: &Fit,
+    ) -> Result<Option<(String, f64)>, PlantError> {
+        let pull = |tick: usize| -> f64 {
+            let forces = self.wanted.pulls.iter();
+            let all: Vector3<f64> = forces.map(|pull| pull.at(self.wanted.time(tick))).sum();
+            all.norm()
+        };
+        let largest = (0..self.wanted.ticks()).max_by(|a, b| pull(*a).total_cmp(&pull(*b)));
+        let tick = largest.unwrap_or(0);
+        let mut workspace = Workspace::new(&self.robot.model.setup);
+        let mut most: Option<(String, f64)> = None;
+        for held in poses {
+            let state = self.state(plant, held, tick, &held.start)?;
+            let pulled = Reading {
+                payload: None,
+                wrench: Some(self.sense(&state, held, tick, &Noise::default())),
+                ..held.task.clone()
+            };
+            let corrected = correct(&mut workspace, self.robot, Some(fit), &pulled, self.reach);
+            if let Some((name, moved)) = corrected.unseen
+                && most.as_ref().is_none_or(|(_, most)| moved > *most)
+            {
+                most = Some((name, moved));
+            }
+        }
+        Ok(most)
+    }
+
     fn base(&self, plant: &mut Plant, held: &Held) -> Result<Base, PlantError> {
         let quiet = Noise::default();
         let ticks = self.wanted.ticks();
@@ -749,14 +789,19 @@ impl Sum {
         self.count += 1;
     }
 
+    /// Not numbers where nothing was added: no pose held is no pose held well.
     fn errors(&self) -> Errors {
-        let mean = |sum: f64| (sum / self.count.max(1) as f64).sqrt();
+        let mean = |sum: f64| (sum / self.count as f64).sqrt();
+        let most = |most: f64| if self.count > 0 { most } else { f64::NAN };
         Errors {
             rms: Miss {
                 position_m: mean(self.squares.position_m),
                 orientation_rad: mean(self.squares.orientation_rad),
             },
-            most: self.most,
+            most: Miss {
+                position_m: most(self.most.position_m),
+                orientation_rad: most(self.most.orientation_rad),
+            },
         }
     }
 }
@@ -766,7 +811,6 @@ fn summed_up<'a>(
     wanted: &ControlLoop,
     name: &str,
     laws: &[Law],
-    left_out: usize,
     outcomes: impl Iterator<Item = &'a [Outcome]>,
 ) -> Looped {
     let (mut nominal, mut tool_alone, mut at_once) =
@@ -819,7 +863,8 @@ fn summed_up<'a>(
     Looped {
         model: name.to_owned(),
         poses,
-        left_out,
+        left_out: 0,
+        unseen: None,
         nominal: nominal.errors(),
         tool_alone: tool_alone.errors(),
         at_once: at_once.errors(),
@@ -851,9 +896,11 @@ pub fn recorded(
     let traces = looped.traces.iter().filter(|t| t.filter == filter);
     let readings = traces.enumerate().flat_map(|(index, trace)| {
         let start = index as f64 * wanted.duration_s;
-        trace.moments.iter().map(move |moment| Reading {
+        let moments = trace.moments.iter().enumerate();
+        moments.map(move |(tick, moment)| Reading {
             line: 0,
-            pose: Some(format!("{}", trace.pose + 1)),
+            // no two ticks have the same command
+            pose: Some(format!("{}.{}", trace.pose + 1, tick + 1)),
             repeat: None,
             target: wanted.target(&scenario.setup),
             split: crate::campaign::Split::Fit,
