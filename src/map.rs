@@ -218,6 +218,11 @@ impl Request {
         names.iter().map(find).collect()
     }
 
+    /// Who tells; the plant if nothing is said.
+    pub fn tellers(&self) -> Vec<By> {
+        self.by.clone().unwrap_or_else(|| vec![By::Plant])
+    }
+
     /// Axes by index.
     fn axes(&self) -> Result<Vec<usize>, String> {
         let plane = self.plane.as_deref().unwrap_or("xz");
@@ -246,7 +251,13 @@ impl Request {
     ///
     /// # Errors
     /// For axes that are none.
-    pub fn grid(&self, setup: &Setup, target: usize, posture: &[f64]) -> Result<Grid, String> {
+    pub fn grid(
+        &self,
+        setup: &Setup,
+        target: usize,
+        posture: &[f64],
+        reach: &Reach,
+    ) -> Result<Grid, String> {
         let axes = self.axes()?;
         let link = &setup.robot.links[setup.targets[target].link];
         let poses = setup.robot.body_poses(posture);
@@ -256,7 +267,7 @@ impl Request {
         {
             at[third] = told;
         }
-        let (centre, radius) = ball(setup, target, &poses);
+        let (centre, radius) = ball(setup, target, &poses, &reach.moving);
         let ranges: Vec<(f64, f64)> = match &self.range_m {
             Some(ranges) => ranges.iter().map(|r| (r[0], r[1])).collect(),
             None => axes
@@ -281,34 +292,40 @@ impl Request {
     }
 }
 
-/// Where a target can be at most: around the second joint of its arm (the first where there is no other), by the sum of
-/// what lies behind it.
-fn ball(setup: &Setup, target: usize, poses: &[nalgebra::Isometry3<f64>]) -> (Vector3<f64>, f64) {
+/// Where a target can be at most: around the first joint that moves, by the sum of what lies behind it.
+fn ball(
+    setup: &Setup,
+    target: usize,
+    poses: &[nalgebra::Isometry3<f64>],
+    moving: &[usize],
+) -> (Vector3<f64>, f64) {
     let robot = &setup.robot;
     let link = &robot.links[setup.targets[target].link];
+    let home = (poses[link.body] * link.body_from_link).translation.vector;
     let chain = robot.chain(link.body);
-    let from = usize::from(chain.len() > 1);
-    let mut radius = link.body_from_link.translation.vector.norm();
-    for &joint in &chain[from + 1..] {
-        let joint = &robot.joints[joint];
-        radius += joint.parent_from_joint.translation.vector.norm();
-        if joint.load_row() == 0 {
-            radius += joint.limits.map_or(0.0, |(a, b)| a.abs().max(b.abs()));
-        }
-    }
+    let Some(from) = chain.iter().position(|joint| moving.contains(joint)) else {
+        return (home, 0.0);
+    };
     let first = &robot.joints[chain[from]];
     let centre = (poses[first.parent] * first.parent_from_joint)
         .translation
         .vector;
-    // what a slide before it adds is left to range_m
-    (centre, radius)
+    let slides = |joint: &crate::robot::Joint| match joint.load_row() {
+        0 => joint.limits.map_or(0.0, |(a, b)| a.abs().max(b.abs())),
+        _ => 0.0,
+    };
+    let behind = chain[from + 1..].iter().map(|&joint| &robot.joints[joint]);
+    let lengths = behind.map(|j| j.parent_from_joint.translation.vector.norm() + slides(j));
+    let last = link.body_from_link.translation.vector.norm();
+    (centre, last + slides(first) + lengths.sum::<f64>())
 }
 
 /// Postures in which the nominal robot has its target at the points of a grid, by joint of the robot, rad (m); none where
 /// it does not reach.
 ///
-/// Row by row from the column that is nearest to the posture of reference outwards, each from its neighbour's; rows in
-/// parallel, with the same result for any number of threads.
+/// Each point is sought from its neighbour's posture, and from that of reference if this fails: first along a line through
+/// the point nearest to the reference, layer by layer and row by row, then along the rows, in parallel and with the same
+/// result for any number of threads.
 pub fn postures(
     robot: &Robot<'_>,
     target: usize,
@@ -318,62 +335,82 @@ pub fn postures(
 ) -> Vec<Option<Vec<f64>>> {
     let setup = &robot.model.setup;
     let poses = setup.robot.body_poses(posture);
-    let (centre, radius) = ball(setup, target, &poses);
-    // a ball about the arm's second joint holds only where the first one stays
-    let chain = setup.robot.chain(setup.target_body(target));
-    let fixed = chain
-        .first()
-        .is_none_or(|joint| !reach.moving.contains(joint));
+    let (centre, radius) = ball(setup, target, &poses, &reach.moving);
     let link = &setup.robot.links[setup.targets[target].link];
     let home = poses[link.body] * link.body_from_link;
     let tracker_from_base = robot.base_from_tracker().inverse();
-    let width = grid.counts[0];
-    let start = (0..width)
-        .min_by(|&a, &b| {
-            let off = |column: usize| {
-                (grid.point(column)[grid.axes[0]] - home.translation.vector[grid.axes[0]]).abs()
-            };
-            off(a).total_cmp(&off(b))
+    // the frame of the target may lie off its link: a little more is in reach
+    let offset = match robot.model.term("target_offset") {
+        Some(term) => {
+            let own = &term.of(&robot.values)[6 * target..6 * target + 3];
+            Vector3::from_column_slice(own).norm()
+        }
+        None => 0.0,
+    };
+    let seek = |workspace: &mut Workspace, index: usize, near: &[f64]| -> Option<Vec<f64>> {
+        let point = grid.point(index);
+        if (point - centre).norm() > radius + offset {
+            return None;
+        }
+        let mut task = task(target, posture.to_vec(), None);
+        task.position = (tracker_from_base * nalgebra::Point3::from(point)).coords;
+        task.orientation = hold_orientation.then(|| tracker_from_base.rotation * home.rotation);
+        [near, posture].into_iter().find_map(|start| {
+            let (p, from) = (&robot.nominal, (start, posture));
+            let found = solve(workspace, robot.model, p, &task, from, reach);
+            (found.end == End::Reached).then_some(found.joints)
         })
-        .unwrap_or(0);
-    let rows: Vec<Vec<Option<Vec<f64>>>> = (0..grid.len() / width)
+    };
+    let nearest = |axis: usize| {
+        let coordinates = grid.along(axis);
+        let off = |k: usize| (coordinates[k] - home.translation.vector[grid.axes[axis]]).abs();
+        (0..coordinates.len())
+            .min_by(|&a, &b| off(a).total_cmp(&off(b)))
+            .unwrap_or(0)
+    };
+    let (width, start) = (grid.counts[0], nearest(0));
+    let (height, row) = (grid.counts[1], nearest(1));
+    let layers = grid.counts.get(2).copied().unwrap_or(1);
+    let layer = if layers > 1 { nearest(2) } else { 0 };
+    // the line: from the middle outwards, along the layers and then the rows
+    let mut workspace = Workspace::new(setup);
+    let mut line: Vec<Option<Vec<f64>>> = vec![None; layers * height];
+    let mut at = |place: usize, from: Option<usize>, line: &mut Vec<Option<Vec<f64>>>| {
+        let near = from.and_then(|from| line[from].clone());
+        let near = near.unwrap_or_else(|| posture.to_vec());
+        line[place] = seek(&mut workspace, place * width + start, &near);
+    };
+    at(layer * height + row, None, &mut line);
+    for k in outwards(layer, layers) {
+        let (place, from) = (k.0 * height + row, k.1 * height + row);
+        at(place, Some(from), &mut line);
+    }
+    for k in 0..layers {
+        for (next, from) in outwards(row, height) {
+            at(k * height + next, Some(k * height + from), &mut line);
+        }
+    }
+    let rows: Vec<Vec<Option<Vec<f64>>>> = line
         .into_par_iter()
-        .map(|row| {
+        .enumerate()
+        .map(|(row, first)| {
             let mut workspace = Workspace::new(setup);
-            let mut task = task(target, posture.to_vec(), None);
             let mut found: Vec<Option<Vec<f64>>> = vec![None; width];
-            let mut visit = |columns: &mut dyn Iterator<Item = usize>| {
-                let mut near = posture.to_vec();
-                for column in columns {
-                    if let Some(seen) = &found[column] {
-                        near.clone_from(seen);
-                        continue;
-                    }
-                    let point = grid.point(row * width + column);
-                    if fixed && (point - centre).norm() > radius {
-                        continue;
-                    }
-                    task.position = (tracker_from_base * nalgebra::Point3::from(point)).coords;
-                    task.orientation =
-                        hold_orientation.then(|| tracker_from_base.rotation * home.rotation);
-                    let from = (&near[..], posture);
-                    let p = &robot.nominal;
-                    let there = solve(&mut workspace, robot.model, p, &task, from, reach);
-                    if there.end == End::Reached {
-                        near.clone_from(&there.joints);
-                        found[column] = Some(there.joints);
-                    } else {
-                        near.clear();
-                        near.extend_from_slice(posture);
-                    }
-                }
-            };
-            visit(&mut (start..width));
-            visit(&mut (0..=start).rev());
+            found[start] = first;
+            for (column, from) in outwards(start, width) {
+                let near = found[from].clone().unwrap_or_else(|| posture.to_vec());
+                found[column] = seek(&mut workspace, row * width + column, &near);
+            }
             found
         })
         .collect();
     rows.into_iter().flatten().collect()
+}
+
+/// From a place to both ends of so many: each place with the one before it.
+fn outwards(start: usize, count: usize) -> impl Iterator<Item = (usize, usize)> {
+    let up = (start + 1..count).map(|k| (k, k - 1));
+    up.chain((0..start).rev().map(|k| (k, k + 1)))
 }
 
 /// How far a target is off.

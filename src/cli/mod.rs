@@ -6,6 +6,7 @@ mod drill;
 mod effects;
 mod fit;
 mod ladder;
+mod map;
 mod pictures;
 mod plan;
 mod progress;
@@ -38,6 +39,7 @@ enum Command {
     Ladder(ladder::Arguments),
     Plan(plan::Arguments),
     Compensate(compensate::Arguments),
+    Map(map::Arguments),
     Drill(drill::Arguments),
     Run(run::Arguments),
     Effects(effects::Arguments),
@@ -63,6 +65,7 @@ pub fn main() -> ExitCode {
         Command::Ladder(arguments) => ladder::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Compensate(arguments) => compensate::run(&arguments),
+        Command::Map(arguments) => map::run(&arguments),
         Command::Drill(arguments) => drill::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),

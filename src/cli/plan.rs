@@ -204,7 +204,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     })
 }
 
-fn words(list: &str) -> Vec<&str> {
+pub(super) fn words(list: &str) -> Vec<&str> {
     let words = list.split(',').map(str::trim);
     words.filter(|word| !word.is_empty()).collect()
 }
@@ -215,7 +215,7 @@ fn fitted(campaign: &Campaign) -> Vec<&Reading> {
 }
 
 /// A scenario has a design, or is like another one; a campaign has a table.
-fn is_scenario(path: &Path) -> anyhow::Result<bool> {
+pub(super) fn is_scenario(path: &Path) -> anyhow::Result<bool> {
     if path.extension().is_none_or(|ending| ending != "toml") {
         return Ok(false);
     }

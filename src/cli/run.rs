@@ -58,6 +58,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         corrections(&scenario, wanted)?
     } else if let Some(wanted) = &scenario.control_loop {
         loops(arguments, &scenario, wanted)?
+    } else if let Some(wanted) = &scenario.map {
+        super::map::of_scenario(&scenario, wanted, folder)?
     } else if let Some(wanted) = &scenario.drill {
         super::drill::bore(&scenario, wanted, folder)?
     } else {

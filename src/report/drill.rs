@@ -68,9 +68,9 @@ pub fn findings(holes: &[Summary]) -> Vec<Finding> {
             format!("at {:.2} s, through {through}", hole.thrust_peak_s)
         }),
     });
-    let gap = |hole: &Summary| (hole.board_fz_N - hole.tool_fz_N).abs() / hole.tool_fz_N.abs();
+    let gap = |hole: &Summary| (hole.board_fz_N.abs() / hole.tool_fz_N.abs() - 1.0).abs();
     all.push(Finding {
-        finding: "both sensors feel nearly the same thrust",
+        finding: "the two sensors' thrusts are nearly equal",
         holds: holes.iter().all(|hole| gap(hole) <= NEARLY),
         figures: each(&|hole| {
             format!(

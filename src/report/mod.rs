@@ -8,6 +8,7 @@ pub mod fit;
 pub mod format;
 pub mod json;
 pub mod ladder;
+pub mod map;
 pub mod paper;
 pub mod plan;
 pub mod run;

@@ -4,6 +4,7 @@ use super::control_loop::LoopDocument;
 use super::drill::DrillDocument;
 use super::format::{angle, count, length, number, render, table, wrap};
 use super::json::FitDocument;
+use super::map::MapDocument;
 use super::paper::PaperDocument;
 use crate::fit::Status;
 use crate::fit::paper::PaperFit;
@@ -41,6 +42,8 @@ pub struct RunDocument {
     /// Control loops by model, if asked for.
     #[serde(rename = "loop")]
     pub loops: Vec<LoopDocument>,
+    /// Maps of the workspace, if asked for.
+    pub map: Option<MapDocument>,
     /// Holes drilled, if asked for.
     pub drill: Option<DrillDocument>,
     /// Expectations.
@@ -64,6 +67,7 @@ impl RunDocument {
             study: None,
             compensation: Vec::new(),
             loops: Vec::new(),
+            map: None,
             drill: None,
             passed: expect.iter().all(|check| check.met),
             expect,

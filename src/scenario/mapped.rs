@@ -8,7 +8,9 @@ use crate::campaign::Payload;
 use crate::compensation::{Reach, Robot};
 use crate::map::{By, Map, Off, Request, Which, by_model, postures};
 use crate::plant::{Plant, PlantError};
+use crate::setup::Setup;
 use nalgebra::Vector3;
+use serde::Serialize;
 
 /// Maps of one request, and the springs that stand behind them.
 #[derive(Debug, Clone)]
@@ -44,7 +46,7 @@ pub fn map(
         message,
     };
     let setup = &scenario.setup;
-    let by = wanted.by.clone().unwrap_or_else(|| vec![By::Plant]);
+    let by = wanted.tellers();
     let load = scenario.design.loads.last().map_or(
         Payload {
             mass: 0.0,
@@ -79,7 +81,7 @@ pub fn map(
                 .collect(),
             ranges: space.ranges.clone(),
         };
-        let grid = wanted.grid(setup, target, &posture).map_err(form)?;
+        let grid = wanted.grid(setup, target, &posture, &reach).map_err(form)?;
         let hold = (&reach, wanted.hold_orientation);
         let found = postures(&robot, target, &grid, &posture, hold);
         for &by in &by {
@@ -138,4 +140,42 @@ pub fn map(
         maps,
         load,
     })
+}
+
+/// How far model and plant are apart over one map.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Agreement {
+    /// Target.
+    pub target: String,
+    /// Largest difference of the position's error, m.
+    pub position_max_m: f64,
+    /// The same over the largest error itself.
+    pub relative: f64,
+}
+
+/// Compares the maps of the same target by model and by plant.
+pub fn agreement(setup: &Setup, maps: &Maps) -> Vec<Agreement> {
+    let of = |target: usize, by: By| {
+        maps.maps
+            .iter()
+            .find(|map| map.target == target && map.by == by)
+    };
+    let plants = maps.maps.iter().filter(|map| map.by == By::Plant);
+    let pairs = plants.filter_map(|plant| Some((plant, of(plant.target, By::Model)?)));
+    pairs
+        .map(|(plant, model)| {
+            let both = plant.off.iter().zip(&model.off);
+            let both = both.filter_map(|(a, b)| Some((a.as_ref()?, b.as_ref()?)));
+            let (mut apart, mut most) = (0.0_f64, 0.0_f64);
+            for (a, b) in both {
+                apart = apart.max((a.position - b.position).abs());
+                most = most.max(a.position);
+            }
+            Agreement {
+                target: setup.targets[plant.target].name.clone(),
+                position_max_m: apart,
+                relative: if most > 0.0 { apart / most } else { 0.0 },
+            }
+        })
+        .collect()
 }

@@ -209,19 +209,26 @@ impl Scenario {
         }
         if let Some(control_loop) = &own.control_loop {
             control_loop.check(&setup).map_err(&form)?;
-            let others = [
-                ("campaigns", own.campaigns.is_some()),
-                ("[compensate]", own.compensate.is_some()),
-            ];
-            if let Some((other, _)) = others.iter().find(|(_, given)| *given) {
-                return Err(form(format!(
-                    "[loop] stands beside {other}; accepted: one of them in a scenario"
-                )));
-            }
+        }
+        let jobs = [
+            ("campaigns", own.campaigns.is_some()),
+            ("[compensate]", own.compensate.is_some()),
+            ("[loop]", own.control_loop.is_some()),
+            ("[map]", own.map.is_some()),
+            ("[drill]", own.drill.is_some()),
+        ];
+        let mut jobs = jobs.iter().filter(|(_, given)| *given).map(|(job, _)| job);
+        if let (Some(first), Some(second)) = (jobs.next(), jobs.next()) {
+            return Err(form(format!(
+                "{second} stands beside {first}; accepted: one of them in a scenario"
+            )));
         }
         own.expect.check(own.campaigns.is_some()).map_err(&form)?;
         own.expect
             .check_compensation(own.compensate.as_ref())
+            .map_err(&form)?;
+        own.expect
+            .check_map(own.map.as_ref(), &setup)
             .map_err(&form)?;
         own.expect.check_drill(own.drill.as_ref()).map_err(&form)?;
         own.expect
