@@ -3,6 +3,7 @@
 mod compensate;
 mod diagnose;
 mod effects;
+mod export;
 mod fit;
 mod ladder;
 mod plan;
@@ -36,6 +37,7 @@ enum Command {
     Ladder(ladder::Arguments),
     Plan(plan::Arguments),
     Compensate(compensate::Arguments),
+    Export(export::Arguments),
     Run(run::Arguments),
     Effects(effects::Arguments),
     Sweep(sweep::Arguments),
@@ -60,6 +62,7 @@ pub fn main() -> ExitCode {
         Command::Ladder(arguments) => ladder::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Compensate(arguments) => compensate::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),

@@ -2,6 +2,7 @@
 
 pub mod compensate;
 pub mod diagnosis;
+pub mod export;
 pub mod fit;
 pub mod format;
 pub mod json;
