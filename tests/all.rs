@@ -10,6 +10,7 @@ mod diagnosis;
 mod dual_quaternion;
 mod effects;
 mod equilibrium;
+mod export;
 mod expression;
 mod fit;
 mod form;

@@ -35,8 +35,8 @@ pub struct Arguments {
     /// Whose arm the DH table is of; needed where there are several targets.
     #[arg(long, value_name = "NAME")]
     target: Option<String>,
-    /// Four numbers in each row of the DH table also where axes are nearly parallel: exact, but with offsets far from the
-    /// nominal ones. Without it such a row has a fifth (Hayati's beta).
+    /// Four numbers in each row of the DH table also where axes are nearly parallel: exact, but with large offsets, and
+    /// refused where they are absurd. Without it such a row has a fifth (Hayati's beta).
     #[arg(long)]
     four_numbers: bool,
 }

@@ -24,9 +24,11 @@ const NEARLY: f64 = 0.05;
 /// … and below which they are parallel; the same in m for axes that meet. Rounding.
 const EXACTLY: f64 = 1e-11;
 
+/// Offsets from here on no reader takes, m.
+const LONGEST: f64 = 100.0;
+
 /// What a refused table needs.
-const ADVICE: &str =
-    "two axes are nearly parallel: leave --four-numbers out, or write a .urdf file";
+const ADVICE: &str = "write a .urdf or a .json file";
 
 /// One row: rad and m.
 #[derive(Debug, Clone, PartialEq)]
@@ -113,6 +115,13 @@ pub fn write(
         ends.as_ref(),
         four_numbers,
     );
+    let longest = |row: &Row| row.d.abs().max(row.a.abs());
+    if let Some(row) = corrected.rows.iter().find(|row| longest(row) > LONGEST) {
+        return Err(ExportError::Parallel {
+            joint: row.joint.name.clone(),
+            offset: longest(row),
+        });
+    }
     let text = corrected.text(&robot.name, note, &frames(calibrated, target));
     let toml = format!(
         "{file}{}",

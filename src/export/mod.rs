@@ -59,6 +59,17 @@ pub enum ExportError {
         /// What would be exact.
         advice: &'static str,
     },
+    /// Axes whose common normal is out of sight.
+    #[error(
+        "joint {joint}: its axis is so nearly parallel to the one before or after that four numbers a row would need an \
+         offset of {offset:.0} m; leave --four-numbers out (the row then has a fifth, beta), or write a .urdf file"
+    )]
+    Parallel {
+        /// The row.
+        joint: String,
+        /// Its offset, m.
+        offset: f64,
+    },
     /// A table needs a joint.
     #[error(
         "target {target}: no joint moves it, so there is no DH table; write a .urdf or a .json file"

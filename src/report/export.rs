@@ -142,7 +142,7 @@ pub fn text(subject: &Subject<'_>, file: &str, made: &Made, same: &str) -> Strin
     say(format!("\nwrote    {file}"));
     if !calibrated.left_out.is_empty() {
         say(format!(
-            "\nnext     misfit compensate {same} --tasks poses.csv     (commands corrected for these too)"
+            "\nnext     misfit compensate {same} --tasks poses.csv -o commands.csv"
         ));
     }
     out
@@ -352,7 +352,8 @@ fn left(subject: &Subject<'_>, made: &Made) -> String {
     }
     let _ = writeln!(out, "\n{}\n", render(&rows));
     let sentence = format!(
-        "Of the readings' positions, {} leaves {} rms, the whole model {}.",
+        "Of the readings' positions, {} leaves {} rms, the whole model {}: `misfit compensate` corrects commands \
+         for the rest.",
         match made {
             Made::Json => "what is rigid",
             _ => "the file alone",
