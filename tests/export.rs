@@ -665,7 +665,9 @@ static LAB: LazyLock<TempDir> = LazyLock::new(|| {
 
 #[test]
 fn the_command_writes_what_it_says() {
-    let at = LAB.path();
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    fs::copy(LAB.path().join("cell.mcap"), at.join("cell.mcap")).unwrap();
     let quiet = [
         "export",
         "cell.mcap",
@@ -765,7 +767,11 @@ fn the_command_writes_what_it_says() {
 
 #[test]
 fn what_cannot_be_exported_is_said_and_leaves_the_old_file_whole() {
-    let at = LAB.path();
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    for name in ["cell.mcap", "both.mcap"] {
+        fs::copy(LAB.path().join(name), at.join(name)).unwrap();
+    }
     fs::create_dir_all(at.join("folder.urdf")).unwrap();
     fs::write(at.join("old.toml"), "mine").unwrap();
     let before = fs::read_dir(at).unwrap().count();

@@ -103,7 +103,6 @@ pub fn write(
     };
     let own = &campaign.robot_file;
     let ends = match own.name.to_lowercase().ends_with(".toml") {
-        // a table that was extended would have other ends
         true => Some(ends(&own.name, &own.text).map_err(unfit)?),
         false => None,
     };
