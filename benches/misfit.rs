@@ -8,12 +8,15 @@
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use misfit::campaign::{Campaign, Split};
+use misfit::campaign::{Campaign, Reading, Split};
+use misfit::compensation::{Reach, Robot, solve};
 use misfit::diagnosis::diagnose;
 use misfit::fit::{Options, fit};
 use misfit::ladder;
+use misfit::map;
 use misfit::model::{Model, Rows, Workspace};
 use misfit::model_file;
+use misfit::plan::space::Space;
 use misfit::plan::{Aim, Task, precise, separate};
 use misfit::plant::{Command, Plant};
 use misfit::scenario::{Scenario, design, planned, simulate};
@@ -205,7 +208,104 @@ fn ladders(c: &mut Criterion) {
     group.finish();
 }
 
+/// One corrected command: the scenario's true model, 5 kg, from the nominal posture, as a controller has it set up.
+fn compensation(c: &mut Criterion) {
+    let scenario = Scenario::load(Path::new("scenarios/compensate_exact.toml")).unwrap();
+    let campaign = simulate::simulate(&scenario, || {}).unwrap();
+    let words: Vec<&str> = scenario.truth.iter().map(|t| t.effect.id()).collect();
+    let model = model_file::model(&campaign, Some(&words.join(",")), None).unwrap();
+    let values = true_values(&scenario, &model);
+    let robot = Robot::new(&model, &values);
+    let setup = &model.setup;
+    let space = Space::within_limits(&setup.robot, 0.1);
+    let mut random = misfit::plan::space::generator(1, 1);
+    let mut workspace = Workspace::new(setup);
+    let reach = Reach {
+        moving: setup.robot.chain(setup.target_body(0)),
+        ranges: Space::within_limits(&setup.robot, 0.0).ranges,
+    };
+    let mut task = campaign
+        .readings
+        .iter()
+        .find(|r| r.target == 0)
+        .unwrap()
+        .clone();
+    task.payload = task.payload.map(|payload| misfit::campaign::Payload {
+        mass: 5.0,
+        ..payload
+    });
+    // poses of the nominal robot, which it reaches with the postures that they are of
+    let tasks: Vec<Reading> = (0..100)
+        .map(|_| {
+            let joints = space.random_posture(setup, &mut random).unwrap();
+            let there = Reading {
+                joints,
+                ..task.clone()
+            };
+            let pose = workspace.predict(&model, &robot.nominal, &there);
+            Reading {
+                position: pose.position,
+                orientation: Some(pose.orientation),
+                ..there
+            }
+        })
+        .collect();
+    let mut group = c.benchmark_group("compensation");
+    group.throughput(Throughput::Elements(tasks.len() as u64));
+    group.bench_function("100 poses of r1", |b| {
+        b.iter(|| {
+            for task in &tasks {
+                let near = (&task.joints[..], &task.joints[..]);
+                let found = solve(&mut workspace, &model, &robot.values, task, near, &reach);
+                std::hint::black_box(found);
+            }
+        });
+    });
+    group.finish();
+}
+
+/// A slice of 10,000 points of one arm by the model: postures and deflections.
+fn maps(c: &mut Criterion) {
+    let scenario = Scenario::load(Path::new("scenarios/map.toml")).unwrap();
+    let campaign = simulate::simulate(&scenario, || {}).unwrap();
+    let model = model_file::model(&campaign, None, None).unwrap();
+    let values = true_values(&scenario, &model);
+    let robot = Robot::new(&model, &values);
+    let setup = &model.setup;
+    let wanted = scenario.map.clone().unwrap();
+    let space = &scenario.design.space;
+    let reach = Reach {
+        moving: setup.robot.chain(setup.target_body(0)),
+        ranges: space.ranges.clone(),
+    };
+    let posture = wanted.posture(setup, space);
+    let grid = wanted.grid(setup, 0, &posture, &reach).unwrap();
+    let load = misfit::campaign::Payload {
+        mass: 5.0,
+        com: nalgebra::Vector3::zeros(),
+    };
+    let mut group = c.benchmark_group("map");
+    group.sample_size(10);
+    group.throughput(Throughput::Elements(grid.len() as u64));
+    group.bench_function(BenchmarkId::new("slice by the model", grid.len()), |b| {
+        b.iter(|| {
+            let found = map::postures(&robot, 0, &grid, &posture, (&reach, false));
+            map::by_model(&robot, 0, &found, &load, map::Which::Load)
+        });
+    });
+    group.finish();
+}
+
 criterion_group!(
-    benches, fits, model, statics, recording, plans, diagnoses, ladders
+    benches,
+    fits,
+    model,
+    statics,
+    recording,
+    plans,
+    diagnoses,
+    ladders,
+    compensation,
+    maps
 );
 criterion_main!(benches);

@@ -7,6 +7,7 @@ pub mod compensation;
 pub mod diagnosis;
 pub mod dual_quaternion;
 pub mod effects;
+pub mod export;
 pub mod fit;
 pub mod formula;
 pub mod ladder;

@@ -156,7 +156,7 @@ impl Request {
                     "at_m is of a slice, but plane names all three axes; leave it out".to_owned(),
                 );
             }
-            if !(at.abs() <= 100.0) {
+            if !(-100.0..=100.0).contains(&at) {
                 return wrong(format!("at_m is {at}; accepted: -100 to 100"));
             }
         }
@@ -337,16 +337,11 @@ pub fn postures(
     let poses = setup.robot.body_poses(posture);
     let (centre, radius) = ball(setup, target, &poses, &reach.moving);
     let link = &setup.robot.links[setup.targets[target].link];
-    let home = poses[link.body] * link.body_from_link;
+    let link_from_target = robot.link_from_target(target);
+    let home = poses[link.body] * link.body_from_link * link_from_target;
     let tracker_from_base = robot.base_from_tracker().inverse();
-    // the frame of the target may lie off its link: a little more is in reach
-    let offset = match robot.model.term("target_offset") {
-        Some(term) => {
-            let own = &term.of(&robot.values)[6 * target..6 * target + 3];
-            Vector3::from_column_slice(own).norm()
-        }
-        None => 0.0,
-    };
+    // a target that lies off its link reaches a little further
+    let offset = link_from_target.translation.vector.norm();
     let seek = |workspace: &mut Workspace, index: usize, near: &[f64]| -> Option<Vec<f64>> {
         let point = grid.point(index);
         if (point - centre).norm() > radius + offset {
@@ -404,7 +399,30 @@ pub fn postures(
             found
         })
         .collect();
-    rows.into_iter().flatten().collect()
+    let mut all: Vec<Option<Vec<f64>>> = rows.into_iter().flatten().collect();
+    // a point may be missed from one side and found from another
+    let missed: Vec<usize> = (0..all.len()).filter(|&k| all[k].is_none()).collect();
+    let beside = |index: usize| {
+        let (column, row) = (index % width, index / width);
+        let left = (column > 0).then(|| index - 1);
+        let right = (column + 1 < width).then_some(index + 1);
+        let below = (row % height > 0).then(|| index - width);
+        let above = (row % height + 1 < height).then_some(index + width);
+        [left, right, below, above].into_iter().flatten()
+    };
+    let found: Vec<Option<Vec<f64>>> = missed
+        .par_iter()
+        .map(|&index| {
+            let mut near = beside(index).filter_map(|k| all[k].as_ref()).peekable();
+            near.peek()?;
+            let mut workspace = Workspace::new(setup);
+            near.find_map(|near| seek(&mut workspace, index, near))
+        })
+        .collect();
+    for (index, joints) in missed.into_iter().zip(found) {
+        all[index] = joints;
+    }
+    all
 }
 
 /// From a place to both ends of so many: each place with the one before it.

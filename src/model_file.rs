@@ -28,6 +28,23 @@ pub enum ModelError {
         /// Reason.
         source: std::io::Error,
     },
+    /// A model of another robot.
+    #[error(
+        "{file}: robot = \"{found}\", but the robot of {campaign} is \"{robot}\" ({robot_file}); accepted: a model \
+         of that robot, or, if these numbers are meant for it, the file without the line"
+    )]
+    OtherRobot {
+        /// Model file.
+        file: String,
+        /// The robot that it names.
+        found: String,
+        /// The campaign.
+        campaign: String,
+        /// The campaign's robot.
+        robot: String,
+        /// File of that.
+        robot_file: String,
+    },
     /// What it says is no model.
     #[error(transparent)]
     Table(#[from] TableError),
@@ -50,7 +67,7 @@ pub fn model(
 ) -> Result<Model, ModelError> {
     let setup = Setup::of(campaign);
     let mut choices = match file {
-        Some(file) => read(file)?,
+        Some(file) => read(file, campaign)?,
         None => Vec::new(),
     };
     let (add, names) = match names {
@@ -144,7 +161,7 @@ fn default_effects(campaign: &Campaign, setup: &Setup) -> Vec<&'static str> {
 /// As [`read`], and for effects that do not fit the robot.
 pub fn candidates(campaign: &Campaign, file: &Path) -> Result<Vec<Arc<dyn AnyEffect>>, ModelError> {
     let setup = Setup::of(campaign);
-    let choices = read(file)?;
+    let choices = read(file, campaign)?;
     let source = file.display().to_string();
     unique(&source, &choices)?;
     for choice in &choices {
@@ -153,7 +170,7 @@ pub fn candidates(campaign: &Campaign, file: &Path) -> Result<Vec<Arc<dyn AnyEff
     Ok(choices.into_iter().map(|choice| choice.effect).collect())
 }
 
-/// Writes a model as a file that [`model`] reads: effects with their options, what is held, and values that it starts
+/// Writes a model as a file that [`model`] reads: its robot, effects with their options, what is held, and values that it starts
 /// from or holds.
 ///
 /// # Errors
@@ -176,6 +193,7 @@ pub fn write(path: &Path, model: &Model) -> Result<(), ModelError> {
         table
     });
     let document = ModelDocument {
+        robot: Some(model.setup.robot.name.clone()),
         effect: tables.collect(),
     };
     let refuse = |source| ModelError::Write {
@@ -187,11 +205,11 @@ pub fn write(path: &Path, model: &Model) -> Result<(), ModelError> {
 }
 
 /// Reads the `[[effect]]` tables of a model file: effects with their options, what is held, and values. They are not
-/// yet checked against a robot: [`Choice::apply`] does that.
+/// yet checked against the campaign's robot but for its name: [`Choice::apply`] does that.
 ///
 /// # Errors
-/// If the file cannot be read, is no model file, or a table is wrong.
-pub fn read(path: &Path) -> Result<Vec<Choice>, ModelError> {
+/// If the file cannot be read, is no model file, names another robot, or a table is wrong.
+pub fn read(path: &Path, campaign: &Campaign) -> Result<Vec<Choice>, ModelError> {
     let file = path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(|source| ModelError::Read {
         file: file.clone(),
@@ -202,6 +220,15 @@ pub fn read(path: &Path) -> Result<Vec<Choice>, ModelError> {
         message,
     };
     let document: ModelDocument = toml::from_str(&text).map_err(|error| form(error.to_string()))?;
+    if let Some(found) = document.robot.filter(|name| *name != campaign.robot.name) {
+        return Err(ModelError::OtherRobot {
+            file,
+            found,
+            campaign: campaign.name.clone(),
+            robot: campaign.robot.name.clone(),
+            robot_file: campaign.robot_file.name.clone(),
+        });
+    }
     let tables = document.effect.into_iter().enumerate();
     let choices = tables
         .map(|(index, table)| {
@@ -214,6 +241,8 @@ pub fn read(path: &Path) -> Result<Vec<Choice>, ModelError> {
 #[derive(serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ModelDocument {
+    /// Name of the robot that it is a model of; not said in files by hand.
+    robot: Option<String>,
     #[serde(default)]
     effect: Vec<toml::Table>,
 }

@@ -581,6 +581,20 @@ fn a_fit_that_does_not_converge_says_so_and_ends_with_3() {
     let text = ends(3, lab(), &["fit", "cell.mcap", "--model", "soft.toml"]);
     assert!(text.contains("NOT CONVERGED after"), "{text}");
     assert!(!text.contains("NaN"), "{text}");
+    // what it found is written all the same, and marked in the file
+    let words = [
+        "export",
+        "cell.mcap",
+        "--model",
+        "soft.toml",
+        "-o",
+        "soft.urdf",
+    ];
+    let text = ends(3, lab(), &words);
+    assert!(text.contains("NOT CONVERGED after"), "{text}");
+    assert!(!text.contains("NaN"), "{text}");
+    let file = fs::read_to_string(lab().join("soft.urdf")).unwrap();
+    assert!(file.contains("had NOT converged"), "{file}");
 }
 
 #[test]

@@ -108,12 +108,14 @@ fn compliance(scenario: &Scenario, joints: &[f64], at: Vector3<f64>) -> Matrix3<
             mass: 1.5,
             com: Vector3::new(0.02, -0.01, 0.05),
             pull: Vector3::zeros(),
+            moment: Vector3::zeros(),
         };
         let pulled = Load {
             target: 0,
             mass: 0.0,
             com: at,
             pull,
+            moment: Vector3::zeros(),
         };
         let state = plant.state(&plant::Command {
             joints: joints.to_vec(),

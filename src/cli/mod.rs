@@ -4,6 +4,7 @@ mod compensate;
 mod diagnose;
 mod drill;
 mod effects;
+mod export;
 mod fit;
 mod ladder;
 mod map;
@@ -41,6 +42,7 @@ enum Command {
     Compensate(compensate::Arguments),
     Map(map::Arguments),
     Drill(drill::Arguments),
+    Export(export::Arguments),
     Run(run::Arguments),
     Effects(effects::Arguments),
     Sweep(sweep::Arguments),
@@ -67,6 +69,7 @@ pub fn main() -> ExitCode {
         Command::Compensate(arguments) => compensate::run(&arguments),
         Command::Map(arguments) => map::run(&arguments),
         Command::Drill(arguments) => drill::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),

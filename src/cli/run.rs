@@ -55,7 +55,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let (document, text) = if let Some(campaigns) = campaigns {
         study(&scenario, campaigns)?
     } else if let Some(wanted) = &scenario.compensate {
-        corrections(&scenario, wanted)?
+        corrections(&scenario, wanted, folder)?
     } else if let Some(wanted) = &scenario.control_loop {
         loops(arguments, &scenario, wanted)?
     } else if let Some(wanted) = &scenario.map {
@@ -205,20 +205,33 @@ fn study(scenario: &Scenario, campaigns: usize) -> anyhow::Result<(RunDocument, 
 }
 
 /// Corrected commands, visited in MuJoCo.
-fn corrections(scenario: &Scenario, wanted: &Compensate) -> anyhow::Result<(RunDocument, String)> {
+fn corrections(
+    scenario: &Scenario,
+    wanted: &Compensate,
+    folder: Option<&Path>,
+) -> anyhow::Result<(RunDocument, String)> {
     let bar = progress::bar(wanted.campaigns as u64, "campaigns");
     let found = compensated::compensate(scenario, wanted, || bar.inc(1))?;
     bar.finish_and_clear();
+    // a picture of single poses, where the scenario wants them one by one
+    if let (Some(folder), Some(last), true) = (folder, found.last(), wanted.list)
+        && !last.arrivals.is_empty()
+    {
+        std::fs::create_dir_all(folder)
+            .with_context(|| format!("{}: cannot be made", folder.display()))?;
+        let figure = report::corrections::figure(scenario, wanted, last);
+        super::pictures::write(&folder.join(&scenario.name), &figure)?;
+    }
     let checks = check_compensation(&scenario.expect, &found);
     let text = format!(
         "{}\n{}{}",
         title(scenario),
-        report::run::corrections(scenario, wanted, &found),
+        report::corrections::text(scenario, wanted, &found),
         report::run::checks(&checks)
     );
     let documents = found.iter();
     let documents = documents
-        .map(|corrections| report::run::corrections_document(corrections, wanted.list))
+        .map(|corrections| report::corrections::document(corrections, wanted.list))
         .collect();
     let document = RunDocument {
         compensation: documents,

@@ -70,11 +70,18 @@ impl<'a> Robot<'a> {
 
     /// Where the tracker stands in the base frame.
     pub fn base_from_tracker(&self) -> Isometry3<f64> {
-        match self
-            .model
-            .term("tracker_frame")
-            .map(|term| term.of(&self.values))
-        {
+        self.pose("tracker_frame", 0)
+    }
+
+    /// Where a target sits in its link.
+    pub fn link_from_target(&self, target: usize) -> Isometry3<f64> {
+        self.pose("target_offset", target)
+    }
+
+    /// A pose among an effect's parameters; the identity if the model does not have it.
+    fn pose(&self, effect: &str, index: usize) -> Isometry3<f64> {
+        let numbers = self.model.term(effect).map(|term| term.of(&self.values));
+        match numbers.and_then(|numbers| numbers.get(6 * index..6 * index + 6)) {
             Some(&[x, y, z, rx, ry, rz]) => {
                 Isometry3::new(Vector3::new(x, y, z), Vector3::new(rx, ry, rz))
             }

@@ -235,7 +235,8 @@ fn bars(
     area: &Area<'_>,
 ) -> Result<(), PlotError> {
     let heights = || all.iter().flat_map(|(_, heights)| heights.iter().copied());
-    let y = under_legend(range(heights(), true)?, true);
+    let named = all.iter().any(|(name, _)| !name.is_empty());
+    let y = under_legend(range(heights(), true)?, named);
     let x = -0.6..labels.len() as f64 - 0.4;
     let spans = (x.end - x.start, y.end - y.start);
     let mut chart = axes(panel, area, (x, y), 0)?;
@@ -255,7 +256,10 @@ fn bars(
             .label(name)
             .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 14, y + 5)], style));
     }
-    legend(&mut chart)
+    match named {
+        true => legend(&mut chart),
+        false => Ok(()),
+    }
 }
 
 /// Half of the distance between neighbours: a cell reaches so far around its centre.

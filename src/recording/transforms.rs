@@ -22,7 +22,7 @@ pub(super) fn fixed(campaign: &Campaign, header: &Header) -> Vec<TransformStampe
         (campaign.base_from_tracker, robot.bodies.first())
     {
         // The first body's frame need not be that of the link it is named after.
-        let link_from_tracker = body_from_frame(robot, 0).inverse() * base_from_tracker;
+        let link_from_tracker = robot.body_from_frame(0).inverse() * base_from_tracker;
         let child = tracker_frame(robot);
         transforms.push(stamped(header, &base.name, child, &link_from_tracker));
     }
@@ -37,7 +37,7 @@ pub(super) fn links(robot: &Robot, header: &Header) -> Vec<TransformStamped> {
         if let Some(body) = robot.bodies.get(link.body)
             && body.name != link.name
         {
-            let pose = body_from_frame(robot, link.body).inverse() * link.body_from_link;
+            let pose = robot.body_from_frame(link.body).inverse() * link.body_from_link;
             transforms.push(stamped(header, &body.name, link.name.clone(), &pose));
         }
     }
@@ -51,23 +51,14 @@ pub(super) fn moving(robot: &Robot, joints: &[f64], header: &Header) -> Vec<Tran
         if let (Some(parent), Some(child)) =
             (robot.bodies.get(joint.parent), robot.bodies.get(index + 1))
         {
-            let pose = body_from_frame(robot, joint.parent).inverse()
+            let pose = robot.body_from_frame(joint.parent).inverse()
                 * joint.parent_from_joint
                 * joint.motion(*q)
-                * body_from_frame(robot, index + 1);
+                * robot.body_from_frame(index + 1);
             transforms.push(stamped(header, &parent.name, child.name.clone(), &pose));
         }
     }
     transforms
-}
-
-/// Frame of the link that a body is named after, in the body's frame.
-pub(super) fn body_from_frame(robot: &Robot, body: usize) -> Isometry3<f64> {
-    robot
-        .links
-        .iter()
-        .find(|link| link.body == body && link.name == robot.bodies[body].name)
-        .map_or_else(Isometry3::identity, |link| link.body_from_link)
 }
 
 fn stamped(

@@ -47,7 +47,7 @@ pub fn text(campaign: &Campaign, fit: &Fit, baseline: Option<&Fit>, detail: Deta
     out
 }
 
-fn title(campaign: &Campaign, fit: &Fit) -> String {
+pub(super) fn title(campaign: &Campaign, fit: &Fit) -> String {
     let held = match fit.readings.1 {
         0 => String::new(),
         n => format!(" · {n} held out"),

@@ -2,8 +2,10 @@
 
 pub mod compensate;
 pub mod control_loop;
+pub mod corrections;
 pub mod diagnosis;
 pub mod drill;
+pub mod export;
 pub mod fit;
 pub mod format;
 pub mod json;

@@ -1,6 +1,7 @@
 //! A scenario's run on the terminal, and as JSON.
 
 use super::control_loop::LoopDocument;
+use super::corrections::CorrectionsDocument;
 use super::drill::DrillDocument;
 use super::format::{angle, count, length, number, render, table, wrap};
 use super::json::FitDocument;
@@ -9,7 +10,6 @@ use super::paper::PaperDocument;
 use crate::fit::Status;
 use crate::fit::paper::PaperFit;
 use crate::scenario::Scenario;
-use crate::scenario::compensated::{Arrival, Compensate, Corrections, Miss};
 use crate::scenario::efficiency::{Bound, Study};
 use crate::scenario::expect::{Check, Comparison};
 use crate::scenario::workspace::Survey;
@@ -84,41 +84,6 @@ pub struct Instead {
     pub bounds: Vec<Bound>,
 }
 
-/// What a model's corrections are worth, as data.
-#[derive(Debug, Serialize)]
-pub struct CorrectionsDocument {
-    model: String,
-    poses: usize,
-    unreached: usize,
-    before_rms: Miss,
-    after_rms: Miss,
-    after_max: Miss,
-    reduction: f64,
-    coverage: Option<f64>,
-    mean_square: Option<f64>,
-    arrivals: Vec<Arrival>,
-}
-
-/// The document of corrections; poses one by one where the scenario lists them.
-pub fn corrections_document(corrections: &Corrections, list: bool) -> CorrectionsDocument {
-    let (before_rms, after_rms) = corrections.rms();
-    CorrectionsDocument {
-        model: corrections.model.clone(),
-        poses: corrections.arrivals.len(),
-        unreached: corrections.unreached,
-        before_rms,
-        after_rms,
-        after_max: corrections.most(),
-        reduction: corrections.reduction(),
-        coverage: corrections.coverage(),
-        mean_square: corrections.mean_square(),
-        arrivals: match list {
-            true => corrections.arrivals.clone(),
-            false => Vec::new(),
-        },
-    }
-}
-
 /// A model's name for people.
 pub(super) fn model_name(model: &str) -> &str {
     match model {
@@ -127,87 +92,6 @@ pub(super) fn model_name(model: &str) -> &str {
         "" => "frames alone",
         words => words,
     }
-}
-
-/// Corrected commands in MuJoCo, model by model, and pose by pose if wanted.
-pub fn corrections(scenario: &Scenario, wanted: &Compensate, all: &[Corrections]) -> String {
-    let load = scenario.design.loads.last();
-    let load = load.map_or(0.0, |load| load.mass);
-    let mut out = format!(
-        "{} × {} · {} kg · rms errors of the poses that MuJoCo reaches\n\n",
-        count(wanted.campaigns, "campaign"),
-        count(wanted.poses * scenario.setup.targets.len(), "pose"),
-        number(load),
-    );
-    let header = [
-        "corrected by",
-        "before",
-        "after",
-        "falls by",
-        "at most",
-        "turned",
-        "after",
-        "at most",
-        "in 95 %",
-    ];
-    let mut rows = table(&header, &[1, 2, 3, 4, 5, 6, 7, 8]);
-    for corrections in all {
-        let (before, after) = corrections.rms();
-        let most = corrections.most();
-        rows.add_row(vec![
-            model_name(&corrections.model).to_owned(),
-            length(before.position_m),
-            length(after.position_m),
-            percent(corrections.reduction()),
-            length(most.position_m),
-            angle(before.orientation_rad),
-            angle(after.orientation_rad),
-            angle(most.orientation_rad),
-            corrections
-                .coverage()
-                .map_or("—".to_owned(), |c| format!("{:.1} %", c * 100.0)),
-        ]);
-    }
-    out += &render(&rows);
-    out += "\n\n";
-    for corrections in all.iter().filter(|c| c.unreached > 0) {
-        let line = format!(
-            "{} out of reach of commands that the {} corrects, within the joints' limits: left out above",
-            count(corrections.unreached, "pose"),
-            model_name(&corrections.model)
-        );
-        let _ = writeln!(out, "{}", wrap(&line, 2));
-    }
-    if wanted.list
-        && let Some(last) = all.last()
-    {
-        let header = [
-            "pose",
-            "target",
-            "before",
-            "after",
-            "±1 σ",
-            "orientation before",
-            "after",
-            "±1 σ",
-        ];
-        let mut rows = table(&header, &[2, 3, 4, 5, 6, 7]);
-        for (index, arrival) in last.arrivals.iter().enumerate() {
-            let predicted = arrival.predicted;
-            rows.add_row(vec![
-                format!("{}", index % wanted.poses + 1),
-                arrival.target.clone(),
-                length(arrival.before.position_m),
-                length(arrival.after.position_m),
-                predicted.map_or("—".to_owned(), |p| length(p.position_m)),
-                angle(arrival.before.orientation_rad),
-                angle(arrival.after.orientation_rad),
-                predicted.map_or("—".to_owned(), |p| angle(p.orientation_rad)),
-            ]);
-        }
-        let _ = writeln!(out, "{}\n", render(&rows));
-    }
-    out
 }
 
 /// An efficiency study as data.

@@ -8,13 +8,17 @@ mod dh;
 mod error;
 mod tree;
 mod urdf;
+mod write;
 mod xml;
 
 use std::path::Path;
 
 use nalgebra::{Isometry3, Unit, Vector3};
 
+pub(crate) use dh::{Convention, Ends, ends};
 pub use error::RobotError;
+pub(crate) use write::{escaped, inertial, origin, rpy, to_urdf};
+pub(crate) use xml::{Tag, tags};
 
 /// A serial or branched arm. Lengths in m, angles in rad, masses in kg.
 #[derive(Debug, Clone, PartialEq)]
@@ -152,6 +156,14 @@ impl Robot {
     /// Index of the link of this name.
     pub fn link(&self, name: &str) -> Option<usize> {
         self.links.iter().position(|link| link.name == name)
+    }
+
+    /// Frame of the link that a body is named after, in the body's frame.
+    pub(crate) fn body_from_frame(&self, body: usize) -> Isometry3<f64> {
+        self.links
+            .iter()
+            .find(|link| link.body == body && link.name == self.bodies[body].name)
+            .map_or_else(Isometry3::identity, |link| link.body_from_link)
     }
 
     /// Pose of every body in the base frame at these joint angles (rad or m), nominal and unloaded.

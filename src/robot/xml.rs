@@ -65,12 +65,53 @@ impl Outline<'_> {
     }
 }
 
-struct Tag<'a> {
-    text: &'a str,
-    name: &'a str,
-    attributes: Vec<(&'a str, &'a str)>,
-    closing: bool,
-    empty: bool,
+/// One tag of the text.
+pub(crate) struct Tag<'a> {
+    /// All of it, from `<` to `>`.
+    pub text: &'a str,
+    /// Name of its element.
+    pub name: &'a str,
+    /// Names and values, entities as they stand.
+    pub attributes: Vec<(&'a str, &'a str)>,
+    /// `</…>`.
+    pub closing: bool,
+    /// `<…/>`.
+    pub empty: bool,
+}
+
+impl Tag<'_> {
+    /// Value of an attribute, with the five entities of XML resolved.
+    pub fn value(&self, attribute: &str) -> Option<String> {
+        find(self, attribute).map(|value| {
+            value
+                .replace("&lt;", "<")
+                .replace("&gt;", ">")
+                .replace("&quot;", "\"")
+                .replace("&apos;", "'")
+                .replace("&amp;", "&")
+        })
+    }
+}
+
+/// All tags of the text of a URDF that was read, each with the byte where it begins; up to the first that is none.
+pub(crate) fn tags(text: &str) -> Vec<(usize, Tag<'_>)> {
+    let mut found = Vec::new();
+    let mut at = 0;
+    while let Some(start) = text[at..].find('<') {
+        at += start;
+        let rest = &text[at..];
+        let length = match (skip(rest), read_tag(rest)) {
+            (Ok(Some(length)), _) => length,
+            (Ok(None), Some(tag)) => {
+                let length = tag.text.len();
+                found.push((at, tag));
+                length
+            }
+            _ => break,
+        };
+        at += length;
+    }
+    found
 }
 
 /// Reads the outline, refusing what is not well-formed.

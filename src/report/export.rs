@@ -1,0 +1,601 @@
+//! What was exported, on the terminal; and everything identified, as JSON.
+
+use super::fit::{model_line, title};
+use super::format::{angle, count, length, render, table, wrap};
+use crate::campaign::Campaign;
+use crate::effects::Stage;
+use crate::export::{Calibrated, dh, position_error, urdf};
+use crate::fit::{Fit, Status};
+use crate::robot::{JointKind, rpy};
+use nalgebra::Isometry3;
+use serde::Serialize;
+use std::fmt::Write;
+
+/// What is exported.
+#[derive(Clone, Copy)]
+pub struct Subject<'a> {
+    /// The campaign.
+    pub campaign: &'a Campaign,
+    /// The model fitted to it.
+    pub fit: &'a Fit,
+    /// What of that is a rigid robot.
+    pub calibrated: &'a Calibrated,
+}
+
+/// What became of it.
+pub enum Made {
+    /// A URDF.
+    Urdf(urdf::Written),
+    /// A DH table.
+    Table(Box<dh::Written>),
+    /// All numbers.
+    Json,
+}
+
+/// A comment for the head of a file: where it is from, and what is in it.
+pub fn note(campaign: &Campaign, fit: &Fit, calibrated: &Calibrated) -> String {
+    let mut note = format!(
+        "calibrated by misfit export from {}, {}; in it: {}",
+        campaign.name,
+        count(fit.readings.0, "reading"),
+        list(&calibrated.held, "nothing"),
+    );
+    let out = left_out(calibrated);
+    if !out.is_empty() {
+        let _ = write!(note, "; left out: {}", list(&out, ""));
+    }
+    if !fit.converged {
+        note += "; the fit had NOT converged";
+    }
+    note
+}
+
+fn left_out(calibrated: &Calibrated) -> Vec<String> {
+    let left_out = calibrated.left_out.iter();
+    left_out.map(|out| out.effect.clone()).collect()
+}
+
+fn list(words: &[String], none: &str) -> String {
+    if words.is_empty() {
+        none.to_owned()
+    } else {
+        words.join(", ")
+    }
+}
+
+/// What a user reads; `same` is the campaign and the model as words of a command line.
+pub fn text(subject: &Subject<'_>, file: &str, made: &Made, same: &str) -> String {
+    let Subject {
+        campaign,
+        fit,
+        calibrated,
+    } = subject;
+    let mut out = format!("{}\n{}\n\n", title(campaign, fit), model_line(fit));
+    match made {
+        Made::Urdf(_) | Made::Json => out += &joints(calibrated),
+        Made::Table(made) => out += &rows(made),
+    }
+    out.push('\n');
+    let mut say = |line: String| {
+        let _ = writeln!(out, "{}", wrap(&line, 9));
+    };
+    let none = "nothing: every number is nominal";
+    let held = list(&calibrated.held, none);
+    say(match made {
+        Made::Json => format!("rigid    {held}"),
+        _ => format!("in it    {held}"),
+    });
+    let read_back = |(position, turn): (f64, f64)| {
+        format!(
+            "read back and compared with the model at {} random postures without load: off by {}, {}",
+            crate::export::POSTURES,
+            length(position),
+            angle(turn)
+        )
+    };
+    match made {
+        Made::Urdf(made) => {
+            say(format!("checked  {}", read_back(made.gap)));
+            if !made.added.is_empty() {
+                say(format!("new      links {}", made.added.join(", ")));
+            }
+            if made.made_up_inertias {
+                say(
+                    "note     masses are as identified or in the robot file, but their inertias are not known: \
+                     those of small balls stand there"
+                        .to_owned(),
+                );
+            }
+            if made.relative_meshes > 0 {
+                let which = match made.relative_meshes {
+                    1 => "a mesh is".to_owned(),
+                    n => format!("{n} meshes are"),
+                };
+                say(format!(
+                    "note     {which} named relative to the file: keep it where the robot's own is"
+                ));
+            }
+        }
+        Made::Table(made) => {
+            say(format!("checked  {}", read_back(made.gap)));
+            for line in remarks(made) {
+                say(line);
+            }
+        }
+        Made::Json => {}
+    }
+    for target in unturned(fit, calibrated) {
+        say(format!(
+            "note     {target}: no reading has its orientation; its frame is turned as its link's"
+        ));
+    }
+    out += &left(subject, made);
+    let mut say = |line: String| {
+        let _ = writeln!(out, "{}", wrap(&line, 9));
+    };
+    if !fit.converged {
+        say(format!(
+            "\nNOT CONVERGED after {}: the numbers are where the fit stopped",
+            count(fit.iterations, "step")
+        ));
+    }
+    say(format!("\nwrote    {file}"));
+    if !calibrated.left_out.is_empty() {
+        say(format!(
+            "\nnext     misfit compensate {same} --tasks poses.csv -o commands.csv"
+        ));
+    }
+    out
+}
+
+/// How the frames of a rigid robot differ from the nominal ones.
+fn joints(calibrated: &Calibrated) -> String {
+    let header = ["joint", "zero off by", "behind it moved", "turned", "mass"];
+    let mut rows = table(&header, &[1, 2, 3, 4]);
+    let robot = &calibrated.setup.robot;
+    for (index, joint) in robot.joints.iter().enumerate() {
+        let (offset, motion) = (calibrated.offsets[index], &calibrated.motions[index + 1]);
+        let mass = calibrated.masses[index + 1];
+        let dash = || "—".to_owned();
+        let is_off = offset != 0.0;
+        let is_moved = *motion != Isometry3::identity();
+        if !is_off && !is_moved && mass == 0.0 {
+            continue;
+        }
+        rows.add_row(vec![
+            joint.name.clone(),
+            match (is_off, joint.kind) {
+                (false, _) => dash(),
+                (_, JointKind::Prismatic) => length(offset),
+                _ => angle(offset),
+            },
+            if is_moved {
+                length(motion.translation.vector.norm())
+            } else {
+                dash()
+            },
+            if is_moved {
+                angle(2.0 * motion.rotation.imag().norm().asin())
+            } else {
+                dash()
+            },
+            if mass != 0.0 {
+                format!("{mass:+.3} kg")
+            } else {
+                dash()
+            },
+        ]);
+    }
+    if rows.row_count() == 0 {
+        return " every joint is nominal\n".to_owned();
+    }
+    render(&rows) + "\n"
+}
+
+/// The table, and what is different from the nominal one.
+fn rows(made: &dh::Written) -> String {
+    let has_fifth = !made.corrected.fifths().is_empty();
+    let mut header = vec!["joint", "alpha °", "mrad", "a mm", "mm"];
+    if has_fifth {
+        header.push("beta °");
+    }
+    header.extend(["theta °", "mrad", "d mm", "mm"]);
+    let right: Vec<usize> = (1..header.len()).collect();
+    let mut rows = table(&header, &right);
+    for (new, old) in made.corrected.rows.iter().zip(&made.nominal.rows) {
+        let mut cells = vec![
+            new.joint.name.clone(),
+            fixed(new.alpha.to_degrees()),
+            signed((new.alpha - old.alpha) * 1e3),
+            fixed(new.a * 1e3),
+            signed((new.a - old.a) * 1e3),
+        ];
+        if has_fifth {
+            cells.push(match new.beta {
+                0.0 => "—".to_owned(),
+                beta => fixed(beta.to_degrees()),
+            });
+        }
+        cells.extend([
+            fixed(new.theta.to_degrees()),
+            signed((new.theta - old.theta) * 1e3),
+            fixed(new.d * 1e3),
+            signed((new.d - old.d) * 1e3),
+        ]);
+        rows.add_row(cells);
+    }
+    let mut out = render(&rows) + "\n";
+    for (name, new, old) in [
+        ("base", &made.corrected.base, &made.nominal.base),
+        ("tool", &made.corrected.tool, &made.nominal.tool),
+    ] {
+        let moved = (new.translation.vector - old.translation.vector).norm();
+        let turned = 2.0
+            * (old.rotation.inverse() * new.rotation)
+                .imag()
+                .norm()
+                .min(1.0)
+                .asin();
+        // less is rounding
+        let _ = if moved < 1e-12 && turned < 1e-12 {
+            writeln!(out, "  [{name}] as nominal")
+        } else {
+            let (moved, turned) = (length(moved), angle(turned));
+            writeln!(out, "  [{name}] moved by {moved}, turned by {turned}")
+        };
+    }
+    out
+}
+
+/// Four decimals; no zero has a sign.
+fn fixed(value: f64) -> String {
+    let text = format!("{value:.4}");
+    match text.as_str() {
+        "-0.0000" => "0.0000".to_owned(),
+        _ => text,
+    }
+}
+
+fn signed(value: f64) -> String {
+    let text = format!("{value:+.4}");
+    match text.as_str() {
+        "-0.0000" | "+0.0000" => "0".to_owned(),
+        _ => text,
+    }
+}
+
+fn remarks(made: &dh::Written) -> Vec<String> {
+    let mut lines = Vec::new();
+    let convention = if made.corrected.modified {
+        "modified (Craig)"
+    } else {
+        "standard"
+    };
+    let fifths = made.corrected.fifths();
+    if fifths.is_empty() {
+        lines.push(format!("form     {convention}, four numbers a row"));
+    } else {
+        let (row, has) = match fifths[..] {
+            [_] => ("row", "has"),
+            _ => ("rows", "have"),
+        };
+        lines.push(format!(
+            "form     {convention}; {row} {} {has} a fifth number, beta (Hayati): axes nearly parallel; \
+             --four-numbers for a controller that takes no fifth",
+            fifths.join(", ")
+        ));
+    }
+    let far = made.corrected.far_from(&made.nominal);
+    if !far.is_empty() {
+        lines.push(format!(
+            "note     {} far from nominal: axes nearly parallel or coaxial have their common normal anywhere; \
+             the table is exact all the same",
+            far.join(", ")
+        ));
+    }
+    if made.others > 0 {
+        lines.push(format!(
+            "note     {} of the robot are on another arm and not in this table",
+            count(made.others, "joint")
+        ));
+    }
+    lines.push(
+        "note     shapes and inertias are not in a DH table; where tracker and target are stands in its comments"
+            .to_owned(),
+    );
+    lines
+}
+
+/// Targets with a place on their link but without a turn.
+fn unturned(fit: &Fit, calibrated: &Calibrated) -> Vec<String> {
+    let Some(term) = fit.model.term("target_offset") else {
+        return Vec::new();
+    };
+    let targets = calibrated.setup.targets.iter().enumerate();
+    let names = targets.filter(|(target, _)| {
+        let turn = term.first + 6 * target + 3..term.first + 6 * target + 6;
+        turn.clone().all(|k| fit.status[k] == Status::Unobservable)
+    });
+    names.map(|(_, target)| target.name.clone()).collect()
+}
+
+/// What the file does not hold, and what that costs.
+fn left(subject: &Subject<'_>, made: &Made) -> String {
+    let Subject {
+        campaign,
+        fit,
+        calibrated,
+    } = subject;
+    let mut out = String::new();
+    let form = match made {
+        Made::Urdf(_) => "not in a URDF",
+        Made::Table(_) => "not in a table",
+        Made::Json => "not rigid",
+    };
+    let readings = &campaign.readings;
+    if calibrated.left_out.is_empty() {
+        let _ = writeln!(
+            out,
+            "\nThe whole model is in it: it leaves {} rms of the readings' positions.",
+            length(position_error(&fit.model, &fit.values, readings))
+        );
+        return out;
+    }
+    let header = [form, "moves the readings, rms", "at most"];
+    let mut rows = table(&header, &[1, 2]);
+    for effect in &calibrated.left_out {
+        rows.add_row(vec![
+            effect.effect.clone(),
+            length(effect.rms),
+            length(effect.most),
+        ]);
+    }
+    let _ = writeln!(out, "\n{}\n", render(&rows));
+    let sentence = format!(
+        "Of the readings' positions, {} leaves {} rms, the whole model {}: `misfit compensate` corrects commands \
+         for the rest.",
+        match made {
+            Made::Json => "what is rigid",
+            _ => "the file alone",
+        },
+        length(position_error(&fit.model, &calibrated.values, readings)),
+        length(position_error(&fit.model, &fit.values, readings))
+    );
+    let _ = writeln!(out, "{}", wrap(&sentence, 0));
+    out
+}
+
+/// `misfit.export/1`.
+#[derive(Debug, Serialize)]
+pub struct Document {
+    schema: &'static str,
+    campaign: String,
+    robot: String,
+    effects: Vec<String>,
+    converged: bool,
+    readings: usize,
+    position_rms_m: f64,
+    parameters: Vec<ParameterDocument>,
+    frames: FramesDocument,
+    joints: Vec<JointDocument>,
+    links: Vec<LinkDocument>,
+    stiffness: Vec<StiffnessDocument>,
+    rigid: Vec<String>,
+    not_rigid: Vec<LeftOutDocument>,
+}
+
+#[derive(Debug, Serialize)]
+struct ParameterDocument {
+    effect: String,
+    name: String,
+    unit: String,
+    value: f64,
+    std: Option<f64>,
+    status: Status,
+    of_measurement: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct FramesDocument {
+    base_from_tracker: PoseDocument,
+    targets: Vec<TargetDocument>,
+}
+
+#[derive(Debug, Serialize)]
+struct TargetDocument {
+    target: String,
+    link: String,
+    link_from_target: PoseDocument,
+}
+
+/// A pose in three spellings of its rotation's one: the quaternion, and roll, pitch, yaw as in a URDF.
+#[derive(Debug, Serialize)]
+struct PoseDocument {
+    xyz_m: [f64; 3],
+    qwxyz: [f64; 4],
+    rpy_rad: [f64; 3],
+}
+
+#[derive(Debug, Serialize)]
+struct JointDocument {
+    joint: String,
+    kind: &'static str,
+    /// Name of the body that carries it.
+    parent: String,
+    /// Name of the body that it moves.
+    child: String,
+    axis: [f64; 3],
+    /// What the joint's angle is more than its encoder says, rad (m).
+    offset: f64,
+    /// At encoder zero, in the frame of the body that carries it.
+    parent_from_joint: PoseDocument,
+    nominal_parent_from_joint: PoseDocument,
+    /// What the joint moves, behind its nominal frame.
+    joint_from_body: PoseDocument,
+    mass_kg: f64,
+    nominal_mass_kg: f64,
+}
+
+#[derive(Debug, Serialize)]
+struct LinkDocument {
+    link: String,
+    body: String,
+    /// In the frame that the body's joint moves.
+    body_from_link: PoseDocument,
+}
+
+#[derive(Debug, Serialize)]
+struct StiffnessDocument {
+    joint: String,
+    /// rad/(N·m) or m/N.
+    compliance: f64,
+    compliance_unit: String,
+    /// N·m/rad or N/m; none for a rigid joint, or one that the readings do not show.
+    stiffness: Option<f64>,
+    stiffness_unit: &'static str,
+    /// 95 %; no upper end where the joint may be rigid.
+    interval_95: Option<(f64, Option<f64>)>,
+    status: Status,
+}
+
+#[derive(Debug, Serialize)]
+struct LeftOutDocument {
+    effect: String,
+    stage: &'static str,
+    /// How far it moves the targets of the campaign's readings.
+    rms_m: f64,
+    max_m: f64,
+}
+
+fn pose(pose: &Isometry3<f64>) -> PoseDocument {
+    let t = &pose.translation.vector;
+    let q = &pose.rotation;
+    PoseDocument {
+        xyz_m: [t.x, t.y, t.z],
+        qwxyz: [q.w, q.i, q.j, q.k],
+        rpy_rad: rpy(q),
+    }
+}
+
+/// The document.
+pub fn document(subject: &Subject<'_>) -> Document {
+    let Subject {
+        campaign,
+        fit,
+        calibrated,
+    } = subject;
+    let setup = &calibrated.setup;
+    let (nominal, robot) = (&setup.robot, calibrated.robot());
+    let identity = Isometry3::identity();
+    let of_measurement = |id: &str| {
+        let term = fit.model.term(id);
+        term.is_some_and(|term| term.effect.is_of_measurement())
+    };
+    let parameters = fit.model.parameters().enumerate();
+    let parameters = parameters.map(|(k, (effect, parameter))| ParameterDocument {
+        effect: effect.to_owned(),
+        name: parameter.name.clone(),
+        unit: parameter.unit.clone(),
+        value: fit.values[k],
+        std: fit.std[k],
+        status: fit.status[k],
+        of_measurement: of_measurement(effect),
+    });
+    let targets = setup.targets.iter().enumerate();
+    let targets = targets.map(|(index, target)| TargetDocument {
+        target: target.name.clone(),
+        link: nominal.links[target.link].name.clone(),
+        link_from_target: pose(
+            calibrated.link_from_target[index]
+                .as_ref()
+                .unwrap_or(&identity),
+        ),
+    });
+    let joints = nominal.joints.iter().enumerate();
+    let joints = joints.map(|(index, joint)| JointDocument {
+        joint: joint.name.clone(),
+        kind: match joint.kind {
+            JointKind::Revolute => "revolute",
+            JointKind::Continuous => "continuous",
+            JointKind::Prismatic => "prismatic",
+        },
+        parent: nominal.bodies[joint.parent].name.clone(),
+        child: nominal.bodies[index + 1].name.clone(),
+        axis: [joint.axis.x, joint.axis.y, joint.axis.z],
+        offset: calibrated.offsets[index],
+        parent_from_joint: pose(&robot.joints[index].parent_from_joint),
+        nominal_parent_from_joint: pose(&joint.parent_from_joint),
+        joint_from_body: pose(&calibrated.motions[index + 1]),
+        mass_kg: robot.bodies[index + 1].mass,
+        nominal_mass_kg: nominal.bodies[index + 1].mass,
+    });
+    let links = robot.links.iter().map(|link| LinkDocument {
+        link: link.name.clone(),
+        body: robot.bodies[link.body].name.clone(),
+        body_from_link: pose(&link.body_from_link),
+    });
+    let left_out = calibrated.left_out.iter().map(|out| LeftOutDocument {
+        effect: out.effect.clone(),
+        stage: fit
+            .model
+            .term(&out.effect)
+            .map_or(Stage::Rigid, |term| term.effect.stage())
+            .word(),
+        rms_m: out.rms,
+        max_m: out.most,
+    });
+    Document {
+        schema: "misfit.export/1",
+        campaign: campaign.name.clone(),
+        robot: nominal.name.clone(),
+        effects: fit
+            .model
+            .terms
+            .iter()
+            .map(|t| t.effect.id().to_owned())
+            .collect(),
+        converged: fit.converged,
+        readings: fit.readings.0,
+        position_rms_m: fit.fit.position_rms_m,
+        parameters: parameters.collect(),
+        frames: FramesDocument {
+            base_from_tracker: pose(calibrated.base_from_tracker.as_ref().unwrap_or(&identity)),
+            targets: targets.collect(),
+        },
+        joints: joints.collect(),
+        links: links.collect(),
+        stiffness: stiffness(fit),
+        rigid: calibrated.held.clone(),
+        not_rigid: left_out.collect(),
+    }
+}
+
+fn stiffness(fit: &Fit) -> Vec<StiffnessDocument> {
+    let Some(term) = fit.model.term("joint_compliance") else {
+        return Vec::new();
+    };
+    let quantile = fit.quantile();
+    let rows = term.parameters.iter().enumerate();
+    rows.map(|(index, parameter)| {
+        let k = term.first + index;
+        let c = fit.values[k];
+        let seen = fit.status[k] != Status::Unobservable;
+        let half = fit.std[k].filter(|_| seen).map(|std| std * quantile);
+        StiffnessDocument {
+            joint: parameter.name.clone(),
+            compliance: c,
+            compliance_unit: parameter.unit.clone(),
+            stiffness: (seen && c > 0.0).then(|| 1.0 / c),
+            stiffness_unit: if parameter.unit == "m/N" {
+                "N/m"
+            } else {
+                "N·m/rad"
+            },
+            interval_95: half
+                .filter(|half| c + half > 0.0)
+                .map(|half| (1.0 / (c + half), (c > half).then(|| 1.0 / (c - half)))),
+            status: fit.status[k],
+        }
+    })
+    .collect()
+}
