@@ -249,6 +249,19 @@ impl Workspace {
 
     /// Predicts one reading.
     pub fn predict(&mut self, model: &Model, p: &[f64], reading: &Reading) -> Prediction {
+        self.predict_to(model, p, reading, false, SETTLED)
+    }
+
+    /// The same, but the equilibrium need not be better than `enough`, rad (m); sought from the one before if that is
+    /// `near`: the same model's and load's in nearly the same posture. Digits beyond `enough` depend on it.
+    pub fn predict_to(
+        &mut self,
+        model: &Model,
+        p: &[f64],
+        reading: &Reading,
+        near: bool,
+        enough: f64,
+    ) -> Prediction {
         self.rigid.fill(0.0);
         // a wrench that is the load is known before the statics; one beside a known load follows from them
         let measured = wrench_is_measured(reading);
@@ -276,7 +289,7 @@ impl Workspace {
             base_from_tracker: posture.base_from_tracker,
             link_from_target: posture.link_from_target,
         };
-        let settled = self.settle(model, p, reading);
+        let settled = self.settle(model, p, reading, near, enough);
         let link = self.link(model, reading);
         self.origin = link.translation();
         self.target = link * self.frames.link_from_target;
@@ -394,15 +407,24 @@ impl Workspace {
         self.statics.body[link.body] * DualQuaternion::from_isometry(&link.body_from_link)
     }
 
-    /// Solves the loaded equilibrium into `deviations`.
-    fn settle(&mut self, model: &Model, p: &[f64], reading: &Reading) -> bool {
+    /// Solves the loaded equilibrium into `deviations`, from what they are if that is near.
+    fn settle(
+        &mut self,
+        model: &Model,
+        p: &[f64],
+        reading: &Reading,
+        near: bool,
+        enough: f64,
+    ) -> bool {
         let setup = &model.setup;
         let load = Load::of(setup, reading);
-        self.deviations.copy_from_slice(&self.rigid);
         let elastic = model
             .terms
             .iter()
             .any(|term| term.effect.stage() == Stage::Elastic);
+        if !(near && elastic) {
+            self.deviations.copy_from_slice(&self.rigid);
+        }
         self.statics.place(setup, &reading.joints, &self.deviations);
         if !elastic {
             if wrench_is_measured(reading) {
@@ -423,7 +445,7 @@ impl Workspace {
             }
             std::mem::swap(&mut self.deviations, &mut self.next);
             self.statics.place(setup, &reading.joints, &self.deviations);
-            if step <= SETTLED {
+            if step <= enough {
                 return true;
             }
             if !step.is_finite() {

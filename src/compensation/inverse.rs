@@ -20,6 +20,10 @@ const ARRIVED: f64 = 1e-9;
 /// No further than this in a step, rad (m): beyond it the Jacobian is another.
 const LONGEST: f64 = 0.3;
 const ITERATIONS: usize = 100;
+/// Each step gains about so much: the equilibrium after it need not be better, within these bounds, rad (m).
+const FINER: f64 = 1e-5;
+const COARSE: f64 = 1e-6;
+const FINEST: f64 = 1e-15;
 /// So many steps without coming nearer end the search.
 const PATIENCE: usize = 12;
 /// Damping of the least squares, as a share of the Jacobian's size: keeps a singular arm's step a number. More would bias
@@ -102,13 +106,18 @@ pub fn solve(
     let mut best: Option<Found> = None;
     let (mut damping, mut waited, mut moved) = (DAMPING, 0, f64::INFINITY);
     let mut jacobian = DMatrix::zeros(rows, reach.moving.len());
+    let (mut near, mut enough) = (false, COARSE);
     for _ in 0..ITERATIONS {
-        let prediction = workspace.predict(model, p, &reading);
+        let prediction = workspace.predict_to(model, p, &reading, near, enough);
+        near = prediction.settled;
+        let exact = enough <= 0.01 * REACHED;
         let left = match prediction.settled {
             true => error(&prediction, task),
             false => Vector6::repeat(f64::INFINITY),
         };
         let size = left.norm();
+        // better than the next step will come
+        enough = (size * FINER).clamp(FINEST, COARSE);
         let least = best.as_ref().map_or(f64::INFINITY, |b| b.left.norm());
         if size < least || size <= REACHED {
             waited = if size < 0.9 * least { 0 } else { waited + 1 };
@@ -134,7 +143,7 @@ pub fn solve(
                 end: End::Collapsed,
             };
         };
-        if (size <= REACHED && moved <= IDLE) || waited > PATIENCE {
+        if (exact && size <= REACHED && moved <= IDLE) || waited > PATIENCE {
             break;
         }
         let wanted = best.left.rows(0, rows).into_owned();
