@@ -6,7 +6,7 @@ MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights
 BLIND     = rich noise outliers form alias
 
-.PHONY: run test setup build format lint unit examples scenarios blind blind-all doc bench
+.PHONY: run test setup build format lint unit examples scenarios blind blind-all pictures doc bench
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
@@ -46,6 +46,13 @@ blind: build
 # the same with outliers, a misstated noise, and laws of another form besides
 blind-all: build
 	@set -e; for name in $(BLIND); do $(MISFIT) sweep scenarios/blind/$$name.toml; echo; done
+
+# the pictures of the README
+pictures: build
+	$(MISFIT) run scenarios/map.toml -o target/pictures
+	$(MISFIT) drill scenarios/drill.toml -o target/pictures
+	cp target/pictures/map.map.plant.png docs/pictures/map.png
+	cp target/pictures/drill.drill.png docs/pictures/drill.png
 
 bench: setup
 	cargo bench --locked

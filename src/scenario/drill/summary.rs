@@ -19,7 +19,7 @@ pub struct Summary {
     pub mode: Mode,
     /// From where it is to be to where it is, m; none if the drill did not get in.
     pub hole_error_m: Option<f64>,
-    /// Between the drill's axis and the board's normal where the tip touched, rad.
+    /// Mean angle between the drill's axis and the board's normal in the steady cut, rad.
     pub tilt_rad: f64,
     /// Largest thrust, N, and when, s.
     pub thrust_peak_N: f64,
@@ -90,7 +90,7 @@ pub fn summary(wanted: &Drilling, hole: &Bored) -> Summary {
     let cut = &samples[..through.unwrap_or(samples.len())];
     let inside = STEADY.0 * thickness..STEADY.1 * thickness;
     let steady: Vec<&Sample> = cut.iter().filter(|s| inside.contains(&s.depth)).collect();
-    let count = steady.len().max(1) as f64;
+    let count = steady.len() as f64; // without a steady cut there are no means
     let mean = |of: &dyn Fn(&Sample) -> f64| steady.iter().map(|s| of(s)).sum::<f64>() / count;
     let process = |sample: &Sample| {
         [
@@ -98,7 +98,9 @@ pub fn summary(wanted: &Drilling, hole: &Bored) -> Summary {
             without(&sample.tool, &weights[1]),
         ]
     };
-    let (mut force, mut moment) = (Vector3::zeros(), Vector3::zeros());
+    // no steady cut, no balance
+    let none = if steady.is_empty() { f64::NAN } else { 0.0 };
+    let (mut force, mut moment) = (Vector3::repeat(none), Vector3::repeat(none));
     let mut distance = 0.0;
     for sample in &steady {
         let origins = sample.links.map(|link| link.translation.vector);
@@ -111,11 +113,10 @@ pub fn summary(wanted: &Drilling, hole: &Bored) -> Summary {
         }
     }
     let thrust_peak = peak.map_or(0.0, |s| s.need.thrust);
-    let touching = samples.iter().find(|s| s.depth > 0.0);
     Summary {
         mode: hole.mode,
         hole_error_m: hole.miss.map(|miss| miss.norm()),
-        tilt_rad: touching.map_or(f64::NAN, |s| s.tilt),
+        tilt_rad: mean(&|s| s.tilt),
         thrust_peak_N: thrust_peak,
         thrust_peak_s: peak.map_or(0.0, |s| s.time),
         through_s: through.map(|index| samples[index].time),
