@@ -3,7 +3,7 @@
 # Each step below can be run by its own name; CI runs `make test`.
 
 MISFIT    = target/release/misfit
-SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights
+SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights map drill
 BLIND     = rich noise outliers form alias
 
 .PHONY: run test setup build format lint unit examples scenarios blind blind-all pictures doc bench
