@@ -4,12 +4,12 @@
 //! by the model here, by the plant in `scenario/mapped.rs`. A redundant arm reaches a point in many postures, and gives way
 //! in each differently: a map is of its reference.
 
-use crate::campaign::{Payload, Reading, Split};
+use crate::campaign::{Payload, Reading};
 use crate::compensation::{End, Reach, Robot, solve};
 use crate::model::{Prediction, Workspace};
 use crate::plan::space::Space;
 use crate::setup::Setup;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -347,7 +347,7 @@ pub fn postures(
         if (point - centre).norm() > radius + offset {
             return None;
         }
-        let mut task = task(target, posture.to_vec(), None);
+        let mut task = Reading::to_be(target, posture.to_vec());
         task.position = (tracker_from_base * nalgebra::Point3::from(point)).coords;
         task.orientation = hold_orientation.then(|| tracker_from_base.rotation * home.rotation);
         [near, posture].into_iter().find_map(|start| {
@@ -465,7 +465,10 @@ pub fn by_model(
         .map(|run| {
             let mut workspace = Workspace::new(&robot.model.setup);
             let mut off = |joints: &Vec<f64>| {
-                let mut reading = task(target, joints.clone(), Some(*load));
+                let mut reading = Reading {
+                    payload: Some(*load),
+                    ..Reading::to_be(target, joints.clone())
+                };
                 let loaded = workspace.predict(robot.model, &robot.values, &reading);
                 let against = match which {
                     Which::Load => {
@@ -481,27 +484,6 @@ pub fn by_model(
         })
         .collect();
     runs.into_iter().flatten().collect()
-}
-
-/// A reading still to be, at joint angles and under a load.
-fn task(target: usize, joints: Vec<f64>, payload: Option<Payload>) -> Reading {
-    Reading {
-        line: 0,
-        pose: None,
-        repeat: None,
-        target,
-        split: Split::Fit,
-        time: None,
-        temperature: None,
-        link_temperatures: Vec::new(),
-        approach: None,
-        joints,
-        position: Vector3::zeros(),
-        orientation: Some(UnitQuaternion::identity()),
-        wrench: None,
-        payload,
-        process: None,
-    }
 }
 
 /// A map of one target.

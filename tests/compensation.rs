@@ -545,3 +545,35 @@ fn expectations_that_would_check_nothing_are_refused() {
         assert!(err.contains(word), "{word}: {err}");
     }
 }
+
+/// The paper's ten poses as bars: each target without and with, and the drop.
+#[test]
+fn ten_poses_are_drawn() {
+    let folder = TempDir::new().unwrap();
+    let output = folder.path().to_str().unwrap();
+    let out = Command::cargo_bin("misfit")
+        .unwrap()
+        .args(["run", "scenarios/ten_poses.toml", "-o", output])
+        .output()
+        .unwrap();
+    assert!(
+        out.status.success(),
+        "{}",
+        String::from_utf8_lossy(&out.stderr)
+    );
+    let svg = fs::read_to_string(folder.path().join("ten_poses.svg")).unwrap();
+    for words in [
+        "r1, without compensation",
+        "r2, with compensation",
+        "position, µm",
+        "orientation, mrad",
+        "drop of position errors",
+        "under 5.00 kg",
+    ] {
+        assert!(svg.contains(words), "{words}");
+    }
+    // ten bars in each of eight panels, twenty in the two of the drop
+    let bars = svg.matches("<rect").count();
+    assert!(bars >= 8 * 10 + 2 * 20, "{bars}");
+    assert!(folder.path().join("ten_poses.png").exists());
+}

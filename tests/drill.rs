@@ -213,3 +213,155 @@ fn holes_are_the_same_for_any_number_of_threads() {
     };
     assert_eq!(by(1), by(3));
 }
+
+/// Runs `misfit` on the committed scenario with other keys in `[drill]`, or other text behind it.
+fn misfit(command: &str, drill: &str, behind: &str, words: &[&str]) -> std::process::Output {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("changed.toml");
+    let text = std::fs::read_to_string("scenarios/drill.toml").unwrap();
+    let text = text.replace("../models", concat!(env!("CARGO_MANIFEST_DIR"), "/models"));
+    let mut table: toml::Table = toml::from_str(&text).unwrap();
+    let other: toml::Table = toml::from_str(drill).unwrap();
+    if let Some(toml::Value::Table(own)) = table.get_mut("drill") {
+        own.extend(other);
+    }
+    table.extend(toml::from_str::<toml::Table>(behind).unwrap());
+    std::fs::write(&path, toml::to_string(&table).unwrap()).unwrap();
+    assert_cmd::Command::cargo_bin("misfit")
+        .unwrap()
+        .arg(command)
+        .arg(&path)
+        .args(words)
+        .output()
+        .unwrap()
+}
+
+#[test]
+fn what_cannot_be_drilled_is_refused() {
+    let table = [
+        (
+            "board = 'nobody'",
+            "",
+            "board = \"nobody\" is no target; known: board, drill",
+        ),
+        ("board = 'drill'", "", "board and tool are one target"),
+        ("hole_m = [0.4, nan, 1.0]", "", "accepted: finite numbers"),
+        (
+            "hole_m = [3.0, 0.0, 1.0]",
+            "",
+            "no posture of board brings the board to hole_m",
+        ),
+        (
+            "feed = [0, 0, 0]",
+            "",
+            "accepted: a direction other than zero",
+        ),
+        (
+            "place_mm = [120, 0]",
+            "",
+            "place_mm[0] is 120, off the board",
+        ),
+        (
+            "diameter_mm = 0",
+            "",
+            "diameter_mm is 0; accepted: 0.05 to 20",
+        ),
+        ("length_mm = 1", "", "length_mm is 1; accepted: 2."),
+        ("speed_rpm = -1", "", "speed_rpm is -1; accepted"),
+        (
+            "feed_um = 1e-3\nrate_hz = 10000",
+            "",
+            "accepted: at most 200000",
+        ),
+        ("rate_hz = 0", "", "rate_hz is 0; accepted"),
+        ("layer = []", "", "accepted: one or more"),
+        (
+            "layer = [{ thickness_mm = 1, hardness_HB = -3 }]",
+            "",
+            "hardness_HB is -3",
+        ),
+        ("commands = []", "", "accepted: nominal, static, loop"),
+        ("commands = ['sideways']", "", "unknown variant `sideways`"),
+        ("depth = 3", "", "unknown field `depth`"),
+        ("filter = { kind = 'low_pass' }", "", "cutoff_hz is missing"),
+        ("model = 'nothing'", "", "[drill] model: nothing:"),
+        (
+            "tool_load = { mass_kg = -1 }",
+            "",
+            "tool_load: accepted are a finite mass_kg",
+        ),
+        (
+            "commands = ['static']",
+            "[[expect.drill]]\ncommands = 'loop'",
+            "one of [drill] commands: static",
+        ),
+        (
+            "",
+            "[[expect.drill]]\ncommands = 'loop'",
+            "loop expects nothing",
+        ),
+        (
+            "",
+            "[expect]\nconverged = true",
+            "[expect] of a fit in a scenario with [drill]",
+        ),
+        ("", "[map]", "[drill] stands beside [map]"),
+    ];
+    for (drill, behind, message) in table {
+        let out = misfit("drill", drill, behind, &[]);
+        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert_eq!(out.status.code(), Some(1), "{drill} {behind}: {said}");
+        assert!(said.contains(message), "{drill} {behind}: {said}");
+        assert!(said.contains("changed.toml"), "{drill} {behind}: {said}");
+    }
+    let out = assert_cmd::Command::cargo_bin("misfit")
+        .unwrap()
+        .args(["drill", "scenarios/springs.toml"])
+        .output()
+        .unwrap();
+    assert_eq!(out.status.code(), Some(1));
+    assert!(String::from_utf8_lossy(&out.stderr).contains("has no [drill]"));
+}
+
+/// Every file of a run, and the same from the other command; a missed expectation is exit code 3.
+#[test]
+fn ticks_curves_and_recordings_are_kept() {
+    let out = tempfile::tempdir().unwrap();
+    let folder = out.path().to_str().unwrap();
+    let thin = "layer = [{ thickness_mm = 0.3, hardness_HB = 30 }]\nrate_hz = 50\nfilter = { kind = 'none' }";
+    let run = misfit("drill", thin, "", &["-o", folder]);
+    let said = String::from_utf8_lossy(&run.stdout).into_owned();
+    // so thin a board is never cut steadily in all its expectations' words
+    assert_eq!(run.status.code(), Some(3), "{said}");
+    assert!(said.contains("MISSED"), "{said}");
+    let table = std::fs::read_to_string(out.path().join("changed.drill.csv")).unwrap();
+    let mut lines = table.lines();
+    assert_eq!(
+        lines.next().unwrap(),
+        "commands,time_s,depth_mm,thrust_N,torque_Nm,lateral_x_N,lateral_y_N,tilt_mrad,board_fx_N,\
+         board_fy_N,board_fz_N,board_tx_Nm,board_ty_Nm,board_tz_Nm,drill_fx_N,drill_fy_N,drill_fz_N,\
+         drill_tx_Nm,drill_ty_Nm,drill_tz_Nm"
+    );
+    let ticks = lines.count();
+    assert_eq!(ticks % 3, 0, "three holes");
+    for arm in ["board", "drill"] {
+        let svg = std::fs::read_to_string(out.path().join(format!("changed.{arm}.svg"))).unwrap();
+        for curve in ["Fx", "Fy", "Fz", "Tx", "Ty", "Tz", "in the loop"] {
+            assert!(svg.contains(curve), "{arm}: {curve}");
+        }
+        assert!(out.path().join(format!("changed.{arm}.png")).exists());
+    }
+    for mode in ["nominal", "corrected", "in_the_loop"] {
+        let path = out.path().join(format!("changed.{mode}.mcap"));
+        let campaign = misfit::recording::read_campaign(&path).unwrap();
+        // both sensors, by turns
+        assert_eq!(campaign.readings.len(), 2 * ticks / 3, "{mode}");
+        assert!(campaign.readings.iter().all(|r| r.wrench.is_some()));
+        assert_eq!(campaign.readings[0].target, 0);
+        assert_eq!(campaign.readings[1].target, 1);
+    }
+    let again = misfit("run", thin, "", &["--json"]);
+    let document: serde_json::Value = serde_json::from_slice(&again.stdout).unwrap();
+    assert_eq!(document["drill"]["holes"].as_array().unwrap().len(), 3);
+    assert_eq!(document["drill"]["findings"].as_array().unwrap().len(), 4);
+}

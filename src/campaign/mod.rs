@@ -148,6 +148,29 @@ pub struct Reading {
     pub process: Option<Wrench>,
 }
 
+impl Reading {
+    /// One still to be taken, with a target at joint angles, rad (m): nothing hangs there, nothing is measured.
+    pub fn to_be(target: usize, joints: Vec<f64>) -> Self {
+        Self {
+            line: 0,
+            pose: None,
+            repeat: None,
+            target,
+            split: Split::Fit,
+            time: None,
+            temperature: None,
+            link_temperatures: Vec::new(),
+            joints,
+            approach: None,
+            position: Vector3::zeros(),
+            orientation: None,
+            wrench: None,
+            payload: None,
+            process: None,
+        }
+    }
+}
+
 /// Force in N and torque in N·m.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wrench {

@@ -7,7 +7,7 @@
 pub mod dh;
 pub mod urdf;
 
-use crate::campaign::{Campaign, Payload, Reading, Split, Wrench};
+use crate::campaign::{Campaign, Payload, Reading, Wrench};
 use crate::compensation;
 use crate::dual_quaternion::DualQuaternion;
 use crate::effects::Stage;
@@ -272,11 +272,6 @@ fn reading(setup: &Setup, target: usize, random: &mut impl rand::Rng) -> Reading
     let mut vector = |size: f64| Vector3::from_fn(|_, _| number(size));
     let mass = vector(5.0).norm();
     Reading {
-        line: 0,
-        pose: None,
-        repeat: None,
-        target,
-        split: Split::Fit,
         wrench: Some(Wrench {
             force: vector(50.0),
             torque: vector(5.0),
@@ -285,14 +280,11 @@ fn reading(setup: &Setup, target: usize, random: &mut impl rand::Rng) -> Reading
             mass,
             com: vector(0.1),
         }),
-        process: None,
         position: vector(1.0),
-        orientation: None,
         time: Some(setup.time_zero + number(1e3)),
         temperature: Some(setup.temperature_zero + number(10.0)),
-        link_temperatures: Vec::new(),
-        joints: (0..joints).map(|_| number(PI)).collect(),
         approach: Some((0..joints).map(|_| number(1.0).signum()).collect()),
+        ..Reading::to_be(target, (0..joints).map(|_| number(PI)).collect())
     }
 }
 

@@ -1,6 +1,6 @@
 //! How each pose is measured: on which targets, under which loads, from which directions, how often, with what.
 
-use crate::campaign::{Payload, Reading, Split};
+use crate::campaign::{Payload, Reading};
 use crate::fit::pose_key;
 use crate::model::wrench_is_measured;
 use crate::setup::Setup;
@@ -70,17 +70,7 @@ impl Protocol {
             for &target in &self.targets {
                 for direction in &self.directions {
                     readings.push(Reading {
-                        line: 0,
-                        pose: None,
-                        repeat: None,
-                        target,
-                        split: Split::Fit,
-                        time: None,
-                        temperature: None,
-                        link_temperatures: Vec::new(),
-                        joints: joints.to_vec(),
                         approach: direction.map(|sign| vec![sign; joints.len()]),
-                        position: Vector3::zeros(),
                         orientation: self.orientation.then(nalgebra::UnitQuaternion::identity),
                         wrench: (self.wrench && load.is_some()).then_some(
                             crate::campaign::Wrench {
@@ -89,7 +79,7 @@ impl Protocol {
                             },
                         ),
                         payload: *load,
-                        process: None,
+                        ..Reading::to_be(target, joints.to_vec())
                     });
                 }
             }

@@ -6,7 +6,7 @@
 
 use super::design::{DesignLoad, random_posture, stream};
 use super::{Scenario, ScenarioError, efficiency::true_values, simulate};
-use crate::campaign::{Campaign, Payload, Reading, Split};
+use crate::campaign::{Campaign, Payload, Reading};
 use crate::compensation::{End, Reach, Robot, correct, error};
 use crate::fit::{Fit, Options, fit};
 use crate::model::{Model, Prediction, Workspace};
@@ -323,24 +323,15 @@ pub(super) fn task(
     let base_from_link = setup.robot.body_poses(&joints)[link.body] * link.body_from_link;
     let seen = spec.base_from_tracker.inverse() * base_from_link * spec.targets[target].1;
     Reading {
-        line: 0,
         pose: Some(pose),
-        repeat: None,
-        target,
-        split: Split::Fit,
-        time: None,
-        temperature: None,
-        link_temperatures: Vec::new(),
         approach: (scenario.design.directions > 1).then(|| vec![1.0; joints.len()]),
-        joints,
         position: seen.translation.vector,
         orientation: Some(seen.rotation),
-        wrench: None,
         payload: Some(Payload {
             mass: load.mass,
             com: load.com,
         }),
-        process: None,
+        ..Reading::to_be(target, joints)
     }
 }
 

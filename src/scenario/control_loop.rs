@@ -898,22 +898,13 @@ pub fn recorded(
         let start = index as f64 * wanted.duration_s;
         let moments = trace.moments.iter().enumerate();
         moments.map(move |(tick, moment)| Reading {
-            line: 0,
             // no two ticks have the same command
             pose: Some(format!("{}.{}", trace.pose + 1, tick + 1)),
-            repeat: None,
-            target: wanted.target(&scenario.setup),
-            split: crate::campaign::Split::Fit,
             time: Some(start + moment.time),
-            temperature: None,
-            link_temperatures: Vec::new(),
-            joints: moment.command.clone(),
-            approach: None,
             position: moment.position,
             orientation: Some(moment.orientation),
             wrench: Some(moment.measured),
-            payload: None,
-            process: None,
+            ..Reading::to_be(wanted.target(&scenario.setup), moment.command.clone())
         })
     });
     let mut readings: Vec<Reading> = readings.collect();

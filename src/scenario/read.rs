@@ -223,17 +223,36 @@ impl Scenario {
                 "{second} stands beside {first}; accepted: one of them in a scenario"
             )));
         }
-        own.expect.check(own.campaigns.is_some()).map_err(&form)?;
-        own.expect
-            .check_compensation(own.compensate.as_ref())
-            .map_err(&form)?;
-        own.expect
-            .check_map(own.map.as_ref(), &setup)
-            .map_err(&form)?;
-        own.expect.check_drill(own.drill.as_ref()).map_err(&form)?;
-        own.expect
+        let expect = &own.expect;
+        expect.check(own.campaigns.is_some()).map_err(&form)?;
+        let others = [
+            (
+                own.compensate.is_some(),
+                "[compensate]",
+                "commands",
+                "[[expect.compensation]]",
+            ),
+            (
+                own.control_loop.is_some(),
+                "[loop]",
+                "poses held",
+                "[[expect.loop]]",
+            ),
+            (own.map.is_some(), "[map]", "maps", "[[expect.map]]"),
+            (own.drill.is_some(), "[drill]", "holes", "[[expect.drill]]"),
+        ];
+        for (_, table, reports, wanted) in others.iter().filter(|(given, ..)| *given) {
+            expect
+                .check_instead(table, reports, wanted)
+                .map_err(&form)?;
+        }
+        let compensate = own.compensate.as_ref();
+        expect.check_compensation(compensate).map_err(&form)?;
+        expect
             .check_loop(own.control_loop.as_ref())
             .map_err(&form)?;
+        expect.check_map(own.map.as_ref(), &setup).map_err(&form)?;
+        expect.check_drill(own.drill.as_ref()).map_err(&form)?;
         if own
             .campaigns
             .is_some_and(|n| !(1..=MOST_CAMPAIGNS).contains(&n))

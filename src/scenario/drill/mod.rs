@@ -15,7 +15,7 @@ use super::compensated::learn;
 use super::control_loop::{FilterEntry, Tool};
 use super::design::{DesignLoad, stream};
 use super::{Scenario, ScenarioError, simulate};
-use crate::campaign::{Payload, Reading, Split, Wrench};
+use crate::campaign::{Payload, Reading, Wrench};
 use crate::compensation::controller::Controller;
 use crate::compensation::filter::Law;
 use crate::compensation::{End, Reach, Robot, posture, solve};
@@ -648,24 +648,13 @@ impl<'a> Cell<'a> {
 /// A task at a pose in the tracker's frame.
 fn task(target: usize, pose: &Isometry3<f64>, joints: Vec<f64>, load: &DesignLoad) -> Reading {
     Reading {
-        line: 0,
-        pose: None,
-        repeat: None,
-        target,
-        split: Split::Fit,
-        time: None,
-        temperature: None,
-        link_temperatures: Vec::new(),
-        approach: None,
-        joints,
         position: pose.translation.vector,
         orientation: Some(pose.rotation),
-        wrench: None,
         payload: Some(Payload {
             mass: load.mass,
             com: load.com,
         }),
-        process: None,
+        ..Reading::to_be(target, joints)
     }
 }
 

@@ -1,0 +1,122 @@
+//! Of holes.
+
+use super::super::drill::summary::summary;
+use super::super::drill::{Bored, Drilling, Mode};
+use super::{Check, Expect, within};
+use serde::Deserialize;
+
+/// Expectation of a hole.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(non_snake_case)] // the keys carry their units
+pub struct ExpectDrill {
+    /// One of `[drill] commands`.
+    pub commands: Mode,
+    /// Range of the distance of the hole from its place, µm.
+    pub hole_um: Option<[f64; 2]>,
+    /// Range of the angle between drill and normal, µrad.
+    pub tilt_urad: Option<[f64; 2]>,
+    /// Range of the largest thrust, N.
+    pub thrust_N: Option<[f64; 2]>,
+    /// Largest time between the largest thrust and the breakthrough, s.
+    pub breakthrough_s: Option<f64>,
+    /// Range of the largest lateral force, N.
+    pub lateral_N: Option<[f64; 2]>,
+    /// Largest sum of the two sensors over the largest thrust, forces and moments.
+    pub balance: Option<f64>,
+}
+
+impl Expect {
+    /// Refuses expectations of holes in a scenario without any, of commands that it does not give
+    ///
+    /// # Errors
+    /// A sentence that names the key.
+    pub fn check_drill(&self, drill: Option<&Drilling>) -> Result<(), String> {
+        for wanted in &self.drill {
+            let Some(drill) = drill else {
+                return Err(
+                    "[[expect.drill]] is of a hole, but the scenario has no [drill]; it would check nothing".to_owned(),
+                );
+            };
+            if !drill.modes.contains(&wanted.commands) {
+                let known: Vec<&str> = drill.modes.iter().map(|mode| mode.key()).collect();
+                return Err(format!(
+                    "[[expect.drill]] commands = \"{}\"; accepted: one of [drill] commands: {}",
+                    wanted.commands.key(),
+                    known.join(", ")
+                ));
+            }
+            let idle = wanted.hole_um.is_none()
+                && wanted.tilt_urad.is_none()
+                && wanted.thrust_N.is_none()
+                && wanted.breakthrough_s.is_none()
+                && wanted.lateral_N.is_none()
+                && wanted.balance.is_none();
+            if idle {
+                return Err(format!(
+                    "[[expect.drill]] {} expects nothing; accepted: hole_um, tilt_urad, thrust_N, breakthrough_s, \
+                     lateral_N, balance",
+                    wanted.commands.key()
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Checks the expectations of holes.
+pub fn check_drill(expect: &Expect, drill: &Drilling, holes: &[Bored]) -> Vec<Check> {
+    let mut checks = Vec::new();
+    for wanted in &expect.drill {
+        let Some(hole) = holes.iter().find(|hole| hole.mode == wanted.commands) else {
+            continue;
+        };
+        let found = summary(drill, hole);
+        let name = |what: &str| format!("{what}, commands {}", found.mode.words());
+        let hole_error = found.hole_error_m.unwrap_or(f64::NAN) * 1e6;
+        checks.extend(within(
+            &name("hole off its place, µm"),
+            hole_error,
+            wanted.hole_um,
+        ));
+        checks.extend(within(
+            &name("axis off the normal, µrad"),
+            found.tilt_rad * 1e6,
+            wanted.tilt_urad,
+        ));
+        checks.extend(within(
+            &name("largest thrust, N"),
+            found.thrust_peak_N,
+            wanted.thrust_N,
+        ));
+        let late = found
+            .through_s
+            .map_or(f64::NAN, |t| (t - found.thrust_peak_s).abs());
+        checks.extend(within(
+            &name("largest thrust from the breakthrough, s"),
+            late,
+            wanted.breakthrough_s.map(|most| [0.0, most]),
+        ));
+        checks.extend(within(
+            &name("largest lateral force, N"),
+            found.lateral_peak_N,
+            wanted.lateral_N,
+        ));
+        for (what, share) in [
+            (
+                "sum of both sensors' forces over the largest thrust",
+                found.balance,
+            ),
+            ("sum of their moments", found.moment_balance),
+        ] {
+            let range = wanted.balance.map(|most| [0.0, most]);
+            checks.extend(within(&name(what), share, range));
+        }
+        checks.extend(within(
+            &name("ticks without a command"),
+            found.unreached as f64,
+            Some([0.0, 0.0]),
+        ));
+    }
+    checks
+}
