@@ -124,6 +124,22 @@ impl Grid {
             .collect()
     }
 
+    /// Indices of the points beside one.
+    fn beside(&self, index: usize) -> impl Iterator<Item = usize> + '_ {
+        let mut stride = 1;
+        let strides = self.counts.iter().map(move |&count| {
+            let own = stride;
+            stride *= count;
+            (own, count)
+        });
+        strides.flat_map(move |(stride, count)| {
+            let place = index / stride % count;
+            let before = (place > 0).then(|| index - stride);
+            let after = (place + 1 < count).then_some(index + stride);
+            before.into_iter().chain(after)
+        })
+    }
+
     /// A point by its index.
     pub fn point(&self, mut index: usize) -> Vector3<f64> {
         let mut point = self.at;
@@ -342,7 +358,7 @@ pub fn postures(
     let tracker_from_base = robot.base_from_tracker().inverse();
     // a target that lies off its link reaches a little further
     let offset = link_from_target.translation.vector.norm();
-    let seek = |workspace: &mut Workspace, index: usize, near: &[f64]| -> Option<Vec<f64>> {
+    let seek = |workspace: &mut Workspace, index: usize, from: &[&[f64]]| -> Option<Vec<f64>> {
         let point = grid.point(index);
         if (point - centre).norm() > radius + offset {
             return None;
@@ -350,8 +366,8 @@ pub fn postures(
         let mut task = Reading::to_be(target, posture.to_vec());
         task.position = (tracker_from_base * nalgebra::Point3::from(point)).coords;
         task.orientation = hold_orientation.then(|| tracker_from_base.rotation * home.rotation);
-        [near, posture].into_iter().find_map(|start| {
-            let (p, from) = (&robot.nominal, (start, posture));
+        from.iter().find_map(|start| {
+            let (p, from) = (&robot.nominal, (*start, posture));
             let found = solve(workspace, robot.model, p, &task, from, reach);
             (found.end == End::Reached).then_some(found.joints)
         })
@@ -373,7 +389,7 @@ pub fn postures(
     let mut at = |place: usize, from: Option<usize>, line: &mut Vec<Option<Vec<f64>>>| {
         let near = from.and_then(|from| line[from].clone());
         let near = near.unwrap_or_else(|| posture.to_vec());
-        line[place] = seek(&mut workspace, place * width + start, &near);
+        line[place] = seek(&mut workspace, place * width + start, &[&near, posture]);
     };
     at(layer * height + row, None, &mut line);
     for k in outwards(layer, layers) {
@@ -394,35 +410,59 @@ pub fn postures(
             found[start] = first;
             for (column, from) in outwards(start, width) {
                 let near = found[from].clone().unwrap_or_else(|| posture.to_vec());
-                found[column] = seek(&mut workspace, row * width + column, &near);
+                found[column] = seek(&mut workspace, row * width + column, &[&near, posture]);
             }
             found
         })
         .collect();
     let mut all: Vec<Option<Vec<f64>>> = rows.into_iter().flatten().collect();
-    // a point may be missed from one side and found from another
-    let missed: Vec<usize> = (0..all.len()).filter(|&k| all[k].is_none()).collect();
-    let beside = |index: usize| {
-        let (column, row) = (index % width, index / width);
-        let left = (column > 0).then(|| index - 1);
-        let right = (column + 1 < width).then_some(index + 1);
-        let below = (row % height > 0).then(|| index - width);
-        let above = (row % height + 1 < height).then_some(index + width);
-        [left, right, below, above].into_iter().flatten()
-    };
-    let found: Vec<Option<Vec<f64>>> = missed
-        .par_iter()
-        .map(|&index| {
-            let mut near = beside(index).filter_map(|k| all[k].as_ref()).peekable();
-            near.peek()?;
-            let mut workspace = Workspace::new(setup);
-            near.find_map(|near| seek(&mut workspace, index, near))
-        })
-        .collect();
-    for (index, joints) in missed.into_iter().zip(found) {
-        all[index] = joints;
-    }
+    settle(&mut all, grid, posture, |index, near| {
+        let mut workspace = Workspace::new(setup);
+        seek(&mut workspace, index, &[near])
+    });
     all
+}
+
+/// Where neighbours stand in different postures, or one is missed, each may know a better one for the other: nearer to the
+/// reference. Asks until none does, all points at once and so with the same result for any number of threads.
+fn settle(
+    all: &mut [Option<Vec<f64>>],
+    grid: &Grid,
+    posture: &[f64],
+    seek: impl Fn(usize, &[f64]) -> Option<Vec<f64>> + Sync,
+) {
+    /// Postures further apart than this are different, rad (m).
+    const APART: f64 = 0.3;
+    const ROUNDS: usize = 200;
+    let far = |joints: &[f64]| -> f64 {
+        let both = joints.iter().zip(posture);
+        both.map(|(a, b)| (a - b) * (a - b)).sum()
+    };
+    let differ = |a: &[f64], b: &[f64]| a.iter().zip(b).any(|(a, b)| (a - b).abs() > APART);
+    let mut changed = vec![true; all.len()];
+    for _ in 0..ROUNDS {
+        let better: Vec<(usize, Vec<f64>)> = (0..all.len())
+            .into_par_iter()
+            .filter_map(|index| {
+                let own = all[index].as_deref();
+                let news = grid.beside(index).filter(|&k| changed[k] || changed[index]);
+                let others = news.filter_map(|k| all[k].as_deref());
+                let others = others.filter(|other| own.is_none_or(|own| differ(own, other)));
+                let found = others.filter_map(|near| seek(index, near));
+                let best = found.min_by(|a, b| far(a).total_cmp(&far(b)))?;
+                let gain = own.is_none_or(|own| far(&best) < far(own) - 1e-6);
+                gain.then_some((index, best))
+            })
+            .collect();
+        if better.is_empty() {
+            break;
+        }
+        changed.fill(false);
+        for (index, joints) in better {
+            changed[index] = true;
+            all[index] = Some(joints);
+        }
+    }
 }
 
 /// From a place to both ends of so many: each place with the one before it.

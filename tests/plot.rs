@@ -37,6 +37,7 @@ fn figure() -> Figure {
         x: x.clone(),
         y: y.clone(),
         unit: "mm".to_owned(),
+        top: None,
     };
     Figure {
         title: vec!["A title & one more".to_owned(), "a line < below".to_owned()],
@@ -123,6 +124,7 @@ fn a_picture_of_nothing_is_refused() {
             y: vec![0.0],
             values: vec![None],
             unit: String::new(),
+            top: None,
         }),
     ] {
         let error = png(&of(content)).unwrap_err().to_string();

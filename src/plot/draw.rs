@@ -296,7 +296,8 @@ fn map(panel: &Panel, map: &Map, area: &Area<'_>) -> Result<(), PlotError> {
     if !most.is_finite() {
         return Err(failed("a map has no number to show"));
     }
-    let top = if most > 0.0 { most } else { 1.0 };
+    let top = map.top.filter(|top| *top > 0.0).unwrap_or(most);
+    let top = if top > 0.0 { top } else { 1.0 };
     let spans = (x.end - x.start, y.end - y.start);
     let mut chart = axes(panel, area, (x, y), SCALE)?;
     mesh(&mut chart, panel, spans, None)?;

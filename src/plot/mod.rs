@@ -72,6 +72,8 @@ pub struct Map {
     pub values: Vec<Option<f64>>,
     /// Quantity and unit of the values.
     pub unit: String,
+    /// Value of the last colour; the largest one if none is given.
+    pub top: Option<f64>,
 }
 
 /// Colour of a share from 0 to 1, as maps have it: red, green, blue.

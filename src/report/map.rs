@@ -1,7 +1,7 @@
 //! Maps of the workspace: on the terminal, as JSON, as a table of points, and as pictures.
 
 use super::format::{angle, count, length, number, render, table, wrap};
-use crate::map::{AXES, By, Map, MapSummary, Request};
+use crate::map::{AXES, By, Map, MapSummary, Off, Request};
 use crate::plot::{Content, Figure, Map as Coloured, Panel};
 use crate::recording::Cloud;
 use crate::robot::JointKind;
@@ -235,22 +235,30 @@ fn panels(setup: &Setup, map: &Map) -> Vec<Panel> {
     let target = &setup.targets[map.target].name;
     let layer = grid.counts[0] * grid.counts[1];
     let layers = grid.len() / layer;
-    let shown: Vec<usize> = match layers {
-        1 => vec![0],
-        _ => (0..SLICES.min(layers))
-            .map(|k| (2 * k + 1) * layers / (2 * SLICES.min(layers)))
-            .collect(),
+    // of the layers that have points
+    let own: Vec<usize> = (0..layers)
+        .filter(|slice| {
+            map.off[slice * layer..(slice + 1) * layer]
+                .iter()
+                .any(Option::is_some)
+        })
+        .collect();
+    let count = SLICES.min(own.len());
+    let shown = (0..count).map(|k| own[(2 * k + 1) * own.len() / (2 * count)]);
+    let shown: Vec<usize> = shown.collect();
+    let size = |off: &Off, turned: bool| match turned {
+        false => off.position * 1e3,
+        true => off.orientation * 1e3,
+    };
+    let most = |turned: bool| {
+        let all = map.off.iter().flatten().map(|off| size(off, turned));
+        all.max_by(f64::total_cmp)
     };
     let mut panels = Vec::new();
     for turned in [false, true] {
         for &slice in &shown {
             let own = &map.off[slice * layer..(slice + 1) * layer];
-            let values = own.iter().map(|off| {
-                off.map(|off| match turned {
-                    false => off.position * 1e3,
-                    true => off.orientation * 1e3,
-                })
-            });
+            let values = own.iter().map(|off| off.map(|off| size(&off, turned)));
             let values: Vec<Option<f64>> = values.collect();
             if values.iter().all(Option::is_none) {
                 continue;
@@ -276,6 +284,8 @@ fn panels(setup: &Setup, map: &Map) -> Vec<Panel> {
                     y: grid.along(1).iter().map(|y| y * 1e3).collect(),
                     values,
                     unit: unit.to_owned(),
+                    // slices are to be compared
+                    top: most(turned),
                 }),
             });
         }
