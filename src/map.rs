@@ -6,7 +6,7 @@
 
 use crate::campaign::{Payload, Reading};
 use crate::compensation::{End, Reach, Robot, solve};
-use crate::model::{Prediction, Workspace};
+use crate::model::Workspace;
 use crate::plan::space::Space;
 use crate::setup::Setup;
 use nalgebra::Vector3;
@@ -192,8 +192,9 @@ impl Request {
         {
             return wrong(format!("points is {points}; accepted: 4 to {MOST_POINTS}"));
         }
-        if self.by.as_ref().is_some_and(Vec::is_empty) {
-            return wrong("by is empty; accepted: \"model\", \"plant\"".to_owned());
+        let by = self.tellers();
+        if by.is_empty() || (by.len() > 1 && by[1..].contains(&by[0])) || by.len() > 2 {
+            return wrong("by: accepted are \"model\", \"plant\", each once".to_owned());
         }
         for (name, angle) in &self.posture_rad {
             if setup.robot.joint(name).is_none() {
@@ -203,11 +204,26 @@ impl Request {
                     known.join(", ")
                 ));
             }
-            if !angle.is_finite() {
+            let joint = setup.robot.joints.iter().find(|joint| joint.name == *name);
+            let (least, most) = joint.and_then(|j| j.limits).unwrap_or((-1e3, 1e3));
+            if !(least..=most).contains(angle) {
                 return wrong(format!(
-                    "posture_rad: {name} is {angle}; accepted: a finite number"
+                    "posture_rad: {name} is {angle}; accepted: {least} to {most}"
                 ));
             }
+        }
+        Ok(())
+    }
+
+    /// Refuses a load that does nothing where what it does is wanted.
+    ///
+    /// # Errors
+    /// A sentence that names the key.
+    pub fn check_load(&self, load: &Payload) -> Result<(), String> {
+        if load.mass == 0.0 && self.error == Which::Load {
+            return Err(
+                "[map] the load is 0 kg: there is no deflection; accepted: a load, or error = \"total\"".to_owned(),
+            );
         }
         Ok(())
     }
@@ -215,7 +231,7 @@ impl Request {
     /// Targets by index.
     ///
     /// # Errors
-    /// For a name that no target has.
+    /// For a name that no target has, and one that stands there twice.
     pub fn targets(&self, setup: &Setup) -> Result<Vec<usize>, String> {
         let Some(names) = &self.targets else {
             return Ok((0..setup.targets.len()).collect());
@@ -231,7 +247,14 @@ impl Request {
             let found = setup.targets.iter().position(|t| t.name == *name);
             found.ok_or_else(|| format!("[map] no target is called \"{name}\"; known: {}", known()))
         };
-        names.iter().map(find).collect()
+        let found: Vec<usize> = names.iter().map(find).collect::<Result<_, _>>()?;
+        match (1..found.len()).find(|&k| found[..k].contains(&found[k])) {
+            Some(k) => Err(format!(
+                "[map] targets has \"{}\" twice; accepted: each once",
+                names[k]
+            )),
+            None => Ok(found),
+        }
     }
 
     /// Who tells; the plant if nothing is said.
@@ -478,16 +501,8 @@ pub struct Off {
     pub position: f64,
     /// rad.
     pub orientation: f64,
-}
-
-impl Off {
-    /// Between two poses.
-    pub fn between(a: &Prediction, b: &Prediction) -> Self {
-        Self {
-            position: (a.position - b.position).norm(),
-            orientation: a.orientation.angle_to(&b.orientation),
-        }
-    }
+    /// Does a joint bear more than it is rated for?
+    pub overloaded: bool,
 }
 
 /// How far the model is off at postures under a load; none where there is no posture, or the arm does not hold.
@@ -509,6 +524,7 @@ pub fn by_model(
                     payload: Some(*load),
                     ..Reading::to_be(target, joints.clone())
                 };
+                let torques = workspace.joint_torques(robot.model, &robot.values, &reading);
                 let loaded = workspace.predict(robot.model, &robot.values, &reading);
                 let against = match which {
                     Which::Load => {
@@ -518,7 +534,11 @@ pub fn by_model(
                     Which::Total => workspace.predict(robot.model, &robot.nominal, &reading),
                 };
                 let settled = loaded.settled && against.settled;
-                settled.then(|| Off::between(&loaded, &against))
+                settled.then(|| Off {
+                    position: (loaded.position - against.position).norm(),
+                    orientation: loaded.orientation.angle_to(&against.orientation),
+                    overloaded: !robot.model.setup.robot.overloaded(&torques).is_empty(),
+                })
             };
             run.iter().map(|joints| off(joints.as_ref()?)).collect()
         })
@@ -554,7 +574,9 @@ pub struct MapSummary {
     pub reached: usize,
     /// Of these, points where the arm does not hold the load.
     pub collapsed: usize,
-    /// Median, m.
+    /// Of the others, points where a joint bears more than it is rated for.
+    pub overloaded: usize,
+    /// Median, m; this and the following are not numbers where no point is left.
     pub position_median_m: f64,
     /// Largest, m.
     pub position_max_m: f64,
@@ -577,9 +599,10 @@ impl Map {
         };
         let positions = sorted(|o| o.position);
         let orientations = sorted(|o| o.orientation);
-        let middle = |all: &[f64]| all.get(all.len() / 2).copied().unwrap_or(0.0);
-        let last = |all: &[f64]| all.last().copied().unwrap_or(0.0);
-        let worst = (0..self.off.len()).max_by(|&a, &b| {
+        let middle = |all: &[f64]| all.get(all.len() / 2).copied().unwrap_or(f64::NAN);
+        let last = |all: &[f64]| all.last().copied().unwrap_or(f64::NAN);
+        let told = (0..self.off.len()).filter(|&k| self.off[k].is_some());
+        let worst = told.max_by(|&a, &b| {
             let size = |k: usize| self.off[k].map_or(-1.0, |o| o.position);
             size(a).total_cmp(&size(b))
         });
@@ -590,9 +613,10 @@ impl Map {
             points: self.grid.len(),
             reached,
             collapsed: reached - off.len(),
+            overloaded: off.iter().filter(|o| o.overloaded).count(),
             position_median_m: middle(&positions),
             position_max_m: last(&positions),
-            position_max_at_m: worst.map_or([0.0; 3], |k| self.grid.point(k).into()),
+            position_max_at_m: worst.map_or([f64::NAN; 3], |k| self.grid.point(k).into()),
             orientation_median_rad: middle(&orientations),
             orientation_max_rad: last(&orientations),
         }

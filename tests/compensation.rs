@@ -577,3 +577,95 @@ fn ten_poses_are_drawn() {
     assert!(bars >= 8 * 10 + 2 * 20, "{bars}");
     assert!(folder.path().join("ten_poses.png").exists());
 }
+
+/// What a model goes by, a task must say; a fixed joint stands where the limits have it; what is forbidden is not written;
+/// and nothing that is read is written over.
+#[test]
+fn tasks_keep_to_the_limits_and_to_what_the_model_needs() {
+    let folder = TempDir::new().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let misfit = |words: &[&str]| {
+        let out = Command::cargo_bin("misfit")
+            .unwrap()
+            .args(words)
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&out.stdout).into_owned()
+            + &String::from_utf8_lossy(&out.stderr);
+        (out.status.code(), said)
+    };
+    let campaign = at("hidden.mcap");
+    assert_eq!(
+        misfit(&["simulate", "scenarios/hidden.toml", "-o", &campaign]).0,
+        Some(0)
+    );
+    let tasks = at("tasks.csv");
+    fs::write(&tasks, "x_m,y_m,z_m,payload_kg\n0.5,0.3,1.2,2.0\n").unwrap();
+    let base = [
+        "compensate",
+        &campaign,
+        "--tasks",
+        &tasks,
+        "--frame",
+        "base",
+    ];
+    let with = |more: &[&str]| misfit(&[&base[..], more].concat());
+
+    // any orientation will do: none is claimed
+    let (code, said) = with(&["--json"]);
+    assert_eq!(code, Some(0), "{said}");
+    let document: Value = serde_json::from_str(&said).unwrap();
+    assert_eq!(
+        document["tasks"][0]["after"]["orientation_rad"],
+        Value::Null
+    );
+    assert_eq!(document["campaign"], "hidden");
+
+    let limits = at("limits.toml");
+    fs::write(&limits, "[fixed]\ntorso_deg = 30\n").unwrap();
+    let (code, said) = with(&["--limits", &limits, "--json"]);
+    assert_eq!(code, Some(0), "{said}");
+    let document: Value = serde_json::from_str(&said).unwrap();
+    let torso = &document["tasks"][0]["joints"][0];
+    assert_eq!(torso["joint"], "torso");
+    let angle = torso["command"].as_f64().unwrap();
+    assert!((angle - 30_f64.to_radians()).abs() < 1e-12, "{angle}");
+
+    fs::write(&limits, "[[forbidden]]\nr1_l_deg = [-180, 180]\n").unwrap();
+    let commands = at("commands.csv");
+    let (code, said) = with(&["--limits", &limits, "-o", &commands]);
+    assert_eq!(code, Some(3), "{said}");
+    assert!(
+        said.contains("forbidden") && said.contains("0 commands"),
+        "{said}"
+    );
+
+    let (code, said) = with(&["--effects", "+backlash"]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(
+        said.contains("tasks.csv, line 2: backlash is in the model"),
+        "{said}"
+    );
+    assert!(said.contains("approach_<joint>"), "{said}");
+
+    let before = fs::read(&campaign).unwrap();
+    for words in [
+        vec![
+            "export",
+            &campaign,
+            "-o",
+            &campaign.replace(".mcap", ".mcap.json"),
+        ],
+        vec!["compensate", &campaign, "--tasks", &tasks, "-o", &tasks],
+        vec!["compensate", &campaign, "--tasks", &tasks, "-o", &campaign],
+    ] {
+        let (code, said) = misfit(&words);
+        if words[0] == "export" {
+            assert_eq!(code, Some(0), "{said}");
+            continue;
+        }
+        assert_eq!(code, Some(1), "{words:?}: {said}");
+        assert!(said.contains("which is read here"), "{said}");
+    }
+    assert_eq!(before, fs::read(&campaign).unwrap());
+}

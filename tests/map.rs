@@ -1,10 +1,11 @@
 //! Maps of the workspace: grids, postures, the model against MuJoCo, files and refusals.
 
 use assert_cmd::Command;
+use misfit::campaign::Payload;
 use misfit::compensation::{Reach, Robot};
 use misfit::map::{By, Map, Request, Which, postures};
 use misfit::model_file;
-use misfit::scenario::mapped::{agreement, map};
+use misfit::scenario::mapped::{agreement, last_load, map};
 use misfit::scenario::{Scenario, efficiency, simulate};
 use std::path::Path;
 
@@ -13,6 +14,10 @@ fn scenario() -> Scenario {
     scenario.noise = misfit::campaign::Noise::default();
     scenario.design.poses = 2;
     scenario
+}
+
+fn load(scenario: &Scenario) -> Payload {
+    last_load(scenario).unwrap()
 }
 
 fn request(points: usize, by: &[By]) -> Request {
@@ -84,7 +89,7 @@ fn model_and_plant_draw_the_same_map() {
     for which in [Which::Load, Which::Total] {
         let mut wanted = request(200, &[By::Plant, By::Model]);
         wanted.error = which;
-        let maps = map(&scenario, &wanted, || {}).unwrap();
+        let maps = map(&scenario, &wanted, load(&scenario), || {}).unwrap();
         assert_eq!(maps.maps.len(), 4);
         let most = maps.maps[0].summary(&scenario.setup).position_max_m;
         match which {
@@ -111,7 +116,13 @@ fn mirrored_arms_have_mirrored_maps() {
     if let Some(load) = scenario.design.loads.last_mut() {
         load.com = nalgebra::Vector3::zeros();
     }
-    let maps = map(&scenario, &request(400, &[By::Plant]), || {}).unwrap();
+    let maps = map(
+        &scenario,
+        &request(400, &[By::Plant]),
+        load(&scenario),
+        || {},
+    )
+    .unwrap();
     let [left, right] = &maps.maps[..] else {
         panic!()
     };
@@ -136,8 +147,11 @@ fn maps_are_the_same_for_any_number_of_threads() {
     let by = |threads: usize| -> Vec<Map> {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
         let wanted = request(300, &[By::Model]);
-        pool.unwrap()
-            .install(|| map(&scenario, &wanted, || {}).unwrap().maps)
+        pool.unwrap().install(|| {
+            map(&scenario, &wanted, load(&scenario), || {})
+                .unwrap()
+                .maps
+        })
     };
     assert_eq!(by(1), by(3));
 }
@@ -211,7 +225,10 @@ fn a_map_is_written_as_pictures_table_and_points() {
 
 #[test]
 fn what_makes_no_map_is_refused() {
-    let table: [(&[&str], i32, &str); 10] = [
+    let table: [(&[&str], i32, &str); 13] = [
+        (&["--load-kg", "0"], 1, "the load is 0 kg"),
+        (&["--targets", "r1,r1"], 1, "targets has \"r1\" twice"),
+        (&["--load-kg=-1"], 2, "accepted: 0 or more"),
         (&["--plane", "xx"], 1, "plane is \"xx\"; accepted"),
         (&["--plane", "w"], 1, "plane is \"w\"; accepted"),
         (&["--plane", "xyz", "--at-m", "1"], 1, "at_m is of a slice"),

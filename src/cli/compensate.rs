@@ -4,7 +4,7 @@ use super::{Outcome, print, print_json, progress, usage};
 use crate::campaign::{Campaign, Reading, read_tasks, render_commands, write_atomically};
 use crate::compensation::{Corrected, End, Reach, Robot, correct, posture};
 use crate::fit::{self, Options};
-use crate::model::Workspace;
+use crate::model::{Model, Workspace};
 use crate::plan::Limits;
 use crate::plan::space::{Space, generator};
 use crate::{model_file, recording, report};
@@ -12,7 +12,7 @@ use anyhow::Context;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use rayon::prelude::*;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Correct commands, so that under load the robot arrives at its poses: everything fitted is compensated.
 #[derive(Debug, clap::Args)]
@@ -62,6 +62,36 @@ enum Given {
     Base,
 }
 
+/// Refuses tasks that do not say what an effect of the model goes by, and poses out of this world.
+fn told(file: &Path, tasks: &[Reading], model: &Model) -> anyhow::Result<()> {
+    /// Further away than any tracker sees, m.
+    const FURTHEST: f64 = 1000.0;
+    for task in tasks {
+        if task.position.amax() > FURTHEST {
+            anyhow::bail!(
+                "{}, line {}: a pose {:e} m away; accepted: up to {FURTHEST} m along each axis",
+                file.display(),
+                task.line,
+                task.position.amax()
+            );
+        }
+        for term in &model.terms {
+            let idle = term.parameters.iter().all(|p| !p.vary && p.value == 0.0);
+            let mut needs = term.effect.needs().iter();
+            if let Some(need) = needs.find(|need| !idle && !need.is_said(task)) {
+                anyhow::bail!(
+                    "{}, line {}: {} is in the model and {}; this task does not say it",
+                    file.display(),
+                    task.line,
+                    term.effect.id(),
+                    need.sentence()
+                );
+            }
+        }
+    }
+    Ok(())
+}
+
 fn output_path(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     match path.extension().and_then(|ending| ending.to_str()) {
@@ -72,6 +102,14 @@ fn output_path(text: &str) -> Result<PathBuf, String> {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    if let Some(output) = &arguments.output {
+        let read = [
+            Some(arguments.tasks.as_path()),
+            arguments.model.as_deref(),
+            arguments.limits.as_deref(),
+        ];
+        super::spare(output, &arguments.campaign, &read)?;
+    }
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     let (mut tasks, named) = read_tasks(&arguments.tasks, &campaign)?;
@@ -101,8 +139,18 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let mut space = Space::within_limits(&campaign.robot, 0.0);
     space.least_height = f64::NEG_INFINITY;
+    let own = space.ranges.clone();
     if let Some(path) = &arguments.limits {
         Limits::load(path, &campaign.robot, &mut space)?;
+    }
+    told(&arguments.tasks, &tasks, &model)?;
+    for (joint, (least, most)) in space.ranges.iter().enumerate() {
+        // a joint that the limits fix stands there, whatever the table says
+        if least == most && own[joint] != (*least, *most) {
+            tasks
+                .iter_mut()
+                .for_each(|task| task.joints[joint] = *least);
+        }
     }
     spinner.set_message("fitting");
     let options = Options {
@@ -141,7 +189,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
                 let mut random = generator(1, index as u128);
                 task.joints = posture(&mut workspace, &robot, task, (&space, &reach), &mut random);
             }
-            correct(&mut workspace, &robot, Some(&found), task, &reach)
+            let mut corrected = correct(&mut workspace, &robot, Some(&found), task, &reach);
+            let there = &corrected.command.joints;
+            if corrected.command.end == End::Reached && !space.allows(&model.setup, there) {
+                corrected.command.end = End::Forbidden;
+            }
+            corrected
         })
         .collect();
     spinner.finish_and_clear();
@@ -170,7 +223,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         written = Some(format!("{} · {} commands", path.display(), count));
     }
     if arguments.json {
-        print_json(&report::compensate::document(&campaign, &tasks, &corrected))?;
+        print_json(&report::compensate::document(
+            &campaign, &found, &tasks, &corrected,
+        ))?;
     } else {
         let effects: Vec<&str> = model.terms.iter().map(|t| t.effect.id()).collect();
         let ground = format!(

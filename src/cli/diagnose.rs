@@ -39,6 +39,9 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    if let Some(file) = &arguments.save_model {
+        super::spare(file, &arguments.campaign, &[])?;
+    }
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     let model = model_file::model(

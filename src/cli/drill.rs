@@ -74,7 +74,7 @@ pub(super) fn bore(
     let text = format!(
         "{}\n{}{kept}{}",
         run::title(scenario),
-        report::drill::text(wanted, &holes),
+        report::drill::text(scenario, wanted, &holes),
         report::run::checks(&checks)
     );
     let document = RunDocument {
@@ -99,7 +99,7 @@ fn keep(
     }
     for hole in holes {
         let campaign = drill::recorded(scenario, wanted, hole);
-        let word = hole.mode.words().replace(' ', "_");
+        let word = hole.mode.word();
         let path = folder.join(format!("{}.{word}.mcap", scenario.name));
         simulate::write_recording(scenario, &campaign, &path)?;
     }

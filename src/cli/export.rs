@@ -75,6 +75,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             "--target and --four-numbers are for DH tables: -o FILE.toml",
         ));
     }
+    super::spare(path, &arguments.campaign, &[arguments.model.as_deref()])?;
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     let target = if is_table {
@@ -131,12 +132,40 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(effects) = &arguments.effects {
         same += &format!(" --effects {effects}");
     }
-    print(&report::text(&subject, &file, &made, &same))?;
+    let rigid = rigid_fit(&subject, &campaign, &options)?;
+    print(&report::text(&subject, &file, &made, &same, rigid.as_ref()))?;
     Ok(if found.converged {
         Outcome::Done
     } else {
         Outcome::Missed
     })
+}
+
+/// Where the model holds what a file cannot: what the frames alone leave, and a fit of what the file can hold.
+fn rigid_fit(
+    subject: &Subject<'_>,
+    campaign: &Campaign,
+    options: &Options,
+) -> anyhow::Result<Option<report::Rigid>> {
+    if subject.calibrated.left_out.is_empty() {
+        return Ok(None);
+    }
+    let frames = model_file::frames_only(campaign)?;
+    let nominal = fit::fit(campaign, &frames, options, |_| {})?;
+    let mut model = subject.fit.model.clone();
+    for effect in &subject.calibrated.left_out {
+        model = model.without(&effect.effect);
+    }
+    let own = fit::fit(campaign, &model, options, |_| {})?;
+    let effects = model.terms.iter().map(|term| term.effect.id());
+    let effects: Vec<&str> = effects
+        .filter(|id| !["tracker_frame", "target_offset"].contains(id))
+        .collect();
+    Ok(Some(report::Rigid {
+        nominal: crate::export::position_error(&nominal.model, &nominal.values, &campaign.readings),
+        own: crate::export::position_error(&own.model, &own.values, &campaign.readings),
+        effects: effects.join(","),
+    }))
 }
 
 /// The target whose arm a table is of.

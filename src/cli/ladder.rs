@@ -40,6 +40,9 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    if let Some(file) = &arguments.save_model {
+        super::spare(file, &arguments.campaign, &[])?;
+    }
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     let options = Options {

@@ -63,7 +63,7 @@ pub struct Arguments {
     /// Of a campaign: model file.
     #[arg(long, value_name = "M.toml")]
     model: Option<PathBuf>,
-    /// Pictures, table and points to write: STEM.svg, .png, .csv, .mcap.
+    /// Pictures, table and points to write: STEM.svg, .png, .csv, .mcap; into a folder under the name of what is mapped.
     #[arg(short, long, value_name = "STEM")]
     output: Option<PathBuf>,
     /// Print the result as JSON.
@@ -111,14 +111,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
                 "--effects and --model go with a campaign; a scenario names its model in [map] model",
             ));
         }
-        let mut scenario = Scenario::load(&arguments.spec)?;
+        let scenario = Scenario::load(&arguments.spec)?;
         let mut wanted = scenario.map.clone().unwrap_or_default();
         adjust(arguments, &mut wanted);
-        if let Some(load) = scenario.design.loads.last_mut() {
-            load.mass = arguments.load_kg.unwrap_or(load.mass);
-            load.com = com.unwrap_or(load.com);
-        }
-        let maps = draw(&scenario, &wanted)?;
+        // the campaign that a model is fitted to keeps its own loads
+        let mut load = match (arguments.load_kg, com) {
+            (Some(mass), Some(com)) => Payload { mass, com },
+            _ => mapped::last_load(&scenario)?,
+        };
+        load.mass = arguments.load_kg.unwrap_or(load.mass);
+        load.com = com.unwrap_or(load.com);
+        let maps = draw(&scenario, &wanted, load)?;
         let file = (&scenario.setup, &scenario.robot_file);
         let space = &scenario.design.space;
         return finish(arguments, file, space, &wanted, &maps);
@@ -150,8 +153,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     load.com = com.unwrap_or(load.com);
     if load.mass == 0.0 && wanted.error == Which::Load {
         anyhow::bail!(
-            "{}: no reading has a payload, and without a load there is no deflection; accepted: --load-kg, or --error total",
-            arguments.spec.display()
+            "{}: the load is 0 kg{}: there is no deflection; accepted: --load-kg above 0, or --error total",
+            arguments.spec.display(),
+            match (arguments.load_kg, heaviest) {
+                (None, None) => ", as no reading has a payload",
+                _ => "",
+            }
         );
     }
     let space = Space::within_limits(&campaign.robot, 0.0);
@@ -243,10 +250,10 @@ fn of_model(
 }
 
 /// By whom the scenario says.
-fn draw(scenario: &Scenario, wanted: &Request) -> anyhow::Result<Maps> {
+fn draw(scenario: &Scenario, wanted: &Request, load: Payload) -> anyhow::Result<Maps> {
     let spinner = progress::spinner();
     spinner.set_message("mapping");
-    let maps = mapped::map(scenario, wanted, || {})?;
+    let maps = mapped::map(scenario, wanted, load, || {})?;
     spinner.finish_and_clear();
     Ok(maps)
 }
@@ -260,15 +267,22 @@ fn finish(
     maps: &Maps,
 ) -> anyhow::Result<Outcome> {
     let mut said = String::new();
-    if let Some(stem) = &arguments.output {
-        said = keep(stem, (setup, file), space, wanted, maps)?;
+    if let Some(output) = &arguments.output {
+        said = keep(
+            &stem(output, &arguments.spec),
+            Some(&arguments.spec),
+            (setup, file),
+            space,
+            wanted,
+            maps,
+        )?;
     } else {
         said += "next     the same with -o STEM draws it: STEM.png, .svg, .csv, .mcap\n";
     }
     if arguments.json {
         print_json(&Document {
             schema: "misfit.map/1",
-            map: report::map::document(setup, maps),
+            map: report::map::document(setup, wanted, maps),
         })?;
     } else {
         print(&(report::map::text(setup, wanted, maps) + &said))?;
@@ -276,9 +290,22 @@ fn finish(
     Ok(Outcome::Done)
 }
 
+/// Where the files go: a folder takes them under the name of what is mapped, an ending of theirs is left out.
+fn stem(output: &Path, spec: &Path) -> PathBuf {
+    let text = output.as_os_str().to_string_lossy();
+    if output.is_dir() || text.ends_with(std::path::MAIN_SEPARATOR) {
+        return output.join(spec.file_stem().unwrap_or_default());
+    }
+    match output.extension().and_then(|ending| ending.to_str()) {
+        Some("svg" | "png" | "csv" | "mcap") => output.with_extension(""),
+        _ => output.to_owned(),
+    }
+}
+
 /// Pictures, table and points.
 fn keep(
     stem: &Path,
+    spec: Option<&Path>,
     (setup, file): (&Setup, &RobotFile),
     space: &Space,
     wanted: &Request,
@@ -289,6 +316,11 @@ fn keep(
         path.push(ending);
         PathBuf::from(path)
     };
+    if let Some(spec) = spec {
+        for ending in [".csv", ".mcap", ".svg", ".png"] {
+            super::spare(&with(ending), spec, &[])?;
+        }
+    }
     let figures = report::map::figures(setup, &setup.robot.name, wanted, maps);
     let alone = figures.len() == 1;
     let mut names = Vec::new();
@@ -327,7 +359,7 @@ pub(super) fn of_scenario(
     wanted: &Request,
     folder: Option<&Path>,
 ) -> anyhow::Result<(RunDocument, String)> {
-    let maps = draw(scenario, wanted)?;
+    let maps = draw(scenario, wanted, mapped::last_load(scenario)?)?;
     let setup = &scenario.setup;
     let mut kept = String::new();
     if let Some(folder) = folder {
@@ -335,7 +367,7 @@ pub(super) fn of_scenario(
             .with_context(|| format!("{}: cannot be made", folder.display()))?;
         let stem = folder.join(format!("{}.map", scenario.name));
         let file = (setup, &scenario.robot_file);
-        kept = keep(&stem, file, &scenario.design.space, wanted, &maps)? + "\n";
+        kept = keep(&stem, None, file, &scenario.design.space, wanted, &maps)? + "\n";
     }
     let checks = check_map(&scenario.expect, setup, &maps);
     let text = format!(
@@ -345,7 +377,7 @@ pub(super) fn of_scenario(
         report::run::checks(&checks)
     );
     let document = RunDocument {
-        map: Some(report::map::document(setup, &maps)),
+        map: Some(report::map::document(setup, wanted, &maps)),
         ..RunDocument::new(scenario, checks)
     };
     Ok((document, text))

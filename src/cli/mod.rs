@@ -16,6 +16,7 @@ mod simulate;
 mod sweep;
 
 use clap::{CommandFactory, Parser, Subcommand};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// A virtual calibration lab for serial robot arms.
@@ -108,6 +109,32 @@ fn message(error: &anyhow::Error) -> String {
 fn usage(message: impl std::fmt::Display) -> anyhow::Error {
     let kind = clap::error::ErrorKind::ValueValidation;
     Arguments::command().error(kind, message).into()
+}
+
+/// Refuses to write over a file that is read: a campaign, its table and robot, and others.
+fn spare(output: &Path, campaign: &Path, others: &[Option<&Path>]) -> anyhow::Result<()> {
+    let Ok(own) = output.canonicalize() else {
+        return Ok(()); // nothing is there yet
+    };
+    let mut read = vec![campaign.to_owned()];
+    read.extend(others.iter().flatten().map(|path| path.to_path_buf()));
+    let text = std::fs::read_to_string(campaign).unwrap_or_default();
+    if let Ok(table) = toml::from_str::<toml::Table>(&text) {
+        let folder = campaign.parent().unwrap_or(Path::new(""));
+        let named = ["robot", "table"]
+            .iter()
+            .filter_map(|key| table.get(*key)?.as_str());
+        read.extend(named.map(|name| folder.join(name)));
+    }
+    let same = |path: &&PathBuf| path.canonicalize().is_ok_and(|path| path == own);
+    match read.iter().find(same) {
+        Some(path) => anyhow::bail!(
+            "{}: is {}, which is read here: nothing was written; accepted: another file",
+            output.display(),
+            path.display()
+        ),
+        None => Ok(()),
+    }
 }
 
 /// A reader that has seen enough (`misfit … | head`) is no fault.

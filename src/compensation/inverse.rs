@@ -52,6 +52,8 @@ pub enum End {
     OutOfReach,
     /// The arm does not hold its load on the way.
     Collapsed,
+    /// At the pose, but in a posture that is not allowed.
+    Forbidden,
 }
 
 /// A command.

@@ -149,13 +149,7 @@ pub fn correct(
     let before = error(&before, task);
     let there = at(&command.joints);
     let torques = workspace.joint_torques(model, &robot.values, &there);
-    let rated = model.setup.robot.joints.iter().enumerate();
-    let overloaded = rated
-        .filter_map(|(joint, rated)| {
-            let rating = rated.effort?;
-            (torques[joint].abs() > rating).then_some((joint, torques[joint].abs(), rating))
-        })
-        .collect();
+    let overloaded = model.setup.robot.overloaded(&torques);
     let (covariance, unseen) = match fit {
         Some(fit) => {
             let (covariance, unseen) = certainty(workspace, robot, fit, &there);

@@ -89,6 +89,8 @@ pub struct Calibrated {
     pub held: Vec<String>,
     /// Effects that are not, with what they do.
     pub left_out: Vec<LeftOut>,
+    /// Effects that are no robot's but the measurement's.
+    pub of_measurement: Vec<String>,
     /// By joint: what its angle is more than its encoder says, rad (m).
     pub offsets: Vec<f64>,
     /// By body: motion of all it carries, in the frame that its joint moves; that of the base is none.
@@ -128,7 +130,11 @@ impl Calibrated {
         let setup = &model.setup;
         let slots = Slots::of(setup);
         let own = compensation::Robot::new(model, values).values;
-        let mut rigid = values.to_vec();
+        let mut rigid = own.clone();
+        let of_measurement = model.terms.iter().filter(|term| {
+            term.effect.is_of_measurement() && term.of(values).iter().any(|x| *x != 0.0)
+        });
+        let of_measurement = of_measurement.map(|t| t.effect.id().to_owned()).collect();
         let mut total = vec![0.0; slots.count];
         let mut base_from_tracker = None;
         let mut link_from_target = vec![None; setup.targets.len()];
@@ -169,6 +175,7 @@ impl Calibrated {
             setup: setup.clone(),
             held,
             left_out,
+            of_measurement,
             offsets: total[..slots.joints].to_vec(),
             motions: (0..bodies).map(motion).collect(),
             masses: total[slots.mass..slots.mass + bodies].to_vec(),
@@ -212,8 +219,8 @@ fn chain(frame: &mut Option<Isometry3<f64>>, by: &DualQuaternion<f64>, outside: 
 
 /// What an effect does for each target, if that is the same in every reading and a rigid robot has it.
 fn constant(setup: &Setup, term: &Term, p: &[f64]) -> Option<Vec<Push>> {
-    /// Readings that have nothing in common but the target.
-    const PROBES: usize = 5;
+    /// Readings that have nothing in common but the target, beside the uniform ones.
+    const PROBES: usize = 60;
     if term.effect.stage() == Stage::Elastic {
         return None;
     }
@@ -221,8 +228,8 @@ fn constant(setup: &Setup, term: &Term, p: &[f64]) -> Option<Vec<Push>> {
     let mut random = generator(1, 0);
     let mut first: Vec<Push> = Vec::new();
     for target in 0..setup.targets.len() {
-        for _ in 0..PROBES {
-            let push = push(setup, term, p, &reading(setup, target, &mut random));
+        for probe in 0..PROBES {
+            let push = push(setup, term, p, &reading(setup, target, probe, &mut random));
             match first.get(target) {
                 None => first.push(push),
                 Some(seen) if *seen == push => {}
@@ -265,26 +272,47 @@ fn push(setup: &Setup, term: &Term, p: &[f64], reading: &Reading) -> Push {
     }
 }
 
-/// A reading in which everything that an effect may look at is arbitrary.
-fn reading(setup: &Setup, target: usize, random: &mut impl rand::Rng) -> Reading {
+/// A reading in which everything that an effect may look at is arbitrary; by turns with joints at either limit, all
+/// approached from one side, from none, and with light loads, heavy ones or none, so that no step of a law is missed.
+fn reading(setup: &Setup, target: usize, probe: usize, random: &mut impl rand::Rng) -> Reading {
     let joints = setup.robot.joints.len();
     let mut number = |size: f64| size * (2.0 * random.random::<f64>() - 1.0);
     let mut vector = |size: f64| Vector3::from_fn(|_, _| number(size));
-    let mass = vector(5.0).norm();
+    let mass = vector([0.05, 5.0, 50.0][probe % 3]).norm();
+    let angle = |joint: usize, share: f64| {
+        let (least, most) = setup.robot.joints[joint].limits.unwrap_or((-PI, PI));
+        match probe % 5 {
+            0 => least,
+            1 => most,
+            _ => least + (most - least) * share,
+        }
+    };
     Reading {
         wrench: Some(Wrench {
             force: vector(50.0),
             torque: vector(5.0),
         }),
-        payload: Some(Payload {
+        payload: (!probe.is_multiple_of(7)).then_some(Payload {
             mass,
             com: vector(0.1),
         }),
         position: vector(1.0),
         time: Some(setup.time_zero + number(1e3)),
         temperature: Some(setup.temperature_zero + number(10.0)),
-        approach: Some((0..joints).map(|_| number(1.0).signum()).collect()),
-        ..Reading::to_be(target, (0..joints).map(|_| number(PI)).collect())
+        approach: (probe % 4 != 3).then(|| {
+            let side = |x: f64| match probe % 4 {
+                0 => 1.0,
+                1 => -1.0,
+                _ => x.signum(),
+            };
+            (0..joints).map(|_| side(number(1.0))).collect()
+        }),
+        ..Reading::to_be(
+            target,
+            (0..joints)
+                .map(|joint| angle(joint, (1.0 + number(1.0)) / 2.0))
+                .collect(),
+        )
     }
 }
 

@@ -426,7 +426,10 @@ impl<'a> Editor<'a> {
 
     /// Two hyphens would end a comment.
     fn comment(&mut self, note: &str) {
-        let note = note.replace("--", "- -");
+        let mut note = note.to_owned();
+        while note.contains("--") {
+            note = note.replace("--", "- -");
+        }
         let at = self.inside.0;
         self.edits.push((at, at, format!("\n  <!-- {note} -->")));
     }

@@ -99,13 +99,12 @@ fn range(values: impl Iterator<Item = f64>, zero: bool) -> Result<Range<f64>, Pl
 }
 
 /// Room above what is shown, where the legend stands.
-fn under_legend(range: Range<f64>, named: bool) -> Range<f64> {
-    let room = if named {
-        0.3 * (range.end - range.start)
-    } else {
-        0.0
-    };
-    range.start..range.end + room
+fn under_legend(range: Range<f64>, entries: usize, area: &Area<'_>) -> Range<f64> {
+    let height = area.dim_in_pixel().1;
+    let inside = f64::from(height.saturating_sub(BELOW + ABOVE + 2 * MARGIN).max(1));
+    let legend = if entries > 0 { 16 + 22 * entries } else { 0 };
+    let share = (legend as f64 / inside).min(0.6);
+    range.start..range.end + (range.end - range.start) * share / (1.0 - share)
 }
 
 fn axes<'a, 'b>(
@@ -196,7 +195,8 @@ fn curves(panel: &Panel, all: &[Series], area: &Area<'_>) -> Result<(), PlotErro
         false => range(points().map(|p| p.0), false)?,
     };
     let named = all.iter().any(|series| !series.name.is_empty());
-    let y = under_legend(range(points().map(|p| p.1), false)?, named);
+    let entries = all.iter().filter(|series| !series.name.is_empty()).count();
+    let y = under_legend(range(points().map(|p| p.1), false)?, entries, area);
     let spans = (x.end - x.start, y.end - y.start);
     let mut chart = axes(panel, area, (x, y), 0)?;
     mesh(&mut chart, panel, spans, None)?;
@@ -236,7 +236,8 @@ fn bars(
 ) -> Result<(), PlotError> {
     let heights = || all.iter().flat_map(|(_, heights)| heights.iter().copied());
     let named = all.iter().any(|(name, _)| !name.is_empty());
-    let y = under_legend(range(heights(), true)?, named);
+    let entries = if named { all.len() } else { 0 };
+    let y = under_legend(range(heights(), true)?, entries, area);
     let x = -0.6..labels.len() as f64 - 0.4;
     let spans = (x.end - x.start, y.end - y.start);
     let mut chart = axes(panel, area, (x, y), 0)?;

@@ -3,6 +3,7 @@
 use super::format::{angle, count, length, number, render, table, wrap};
 use crate::campaign::{Campaign, Reading};
 use crate::compensation::{Corrected, End};
+use crate::fit::Fit;
 use nalgebra::Vector6;
 use serde::Serialize;
 use std::fmt::Write;
@@ -14,6 +15,12 @@ const SHOWN: usize = 40;
 #[derive(Debug, Serialize)]
 pub struct Document {
     schema: &'static str,
+    campaign: String,
+    robot: String,
+    effects: Vec<String>,
+    converged: bool,
+    /// Of the readings that the model was fitted to, m.
+    position_rms_m: f64,
     tasks: Vec<TaskDocument>,
 }
 
@@ -43,7 +50,8 @@ struct JointDocument {
 #[derive(Debug, Serialize)]
 struct MissDocument {
     position_m: f64,
-    orientation_rad: f64,
+    /// None where any orientation will do.
+    orientation_rad: Option<f64>,
 }
 
 #[derive(Debug, Serialize)]
@@ -56,7 +64,12 @@ struct OverloadDocument {
 }
 
 /// The document.
-pub fn document(campaign: &Campaign, tasks: &[Reading], corrected: &[Corrected]) -> Document {
+pub fn document(
+    campaign: &Campaign,
+    fit: &Fit,
+    tasks: &[Reading],
+    corrected: &[Corrected],
+) -> Document {
     let joint = |index: usize| campaign.robot.joints[index].name.clone();
     let tasks = tasks.iter().zip(corrected).map(|(task, c)| TaskDocument {
         line: task.line,
@@ -70,13 +83,13 @@ pub fn document(campaign: &Campaign, tasks: &[Reading], corrected: &[Corrected])
                 nominal: c.nominal.joints[index],
             })
             .collect(),
-        before: miss(&c.before),
-        after: miss(&c.command.left),
+        before: miss(task, &c.before),
+        after: miss(task, &c.command.left),
         std: c
             .deviation()
             .map(|(position_m, orientation_rad)| MissDocument {
                 position_m,
-                orientation_rad,
+                orientation_rad: task.orientation.map(|_| orientation_rad),
             }),
         overloaded: c
             .overloaded
@@ -91,14 +104,24 @@ pub fn document(campaign: &Campaign, tasks: &[Reading], corrected: &[Corrected])
     });
     Document {
         schema: "misfit.compensate/1",
+        campaign: campaign.name.clone(),
+        robot: campaign.robot.name.clone(),
+        effects: fit
+            .model
+            .terms
+            .iter()
+            .map(|t| t.effect.id().to_owned())
+            .collect(),
+        converged: fit.converged,
+        position_rms_m: fit.fit.position_rms_m,
         tasks: tasks.collect(),
     }
 }
 
-fn miss(twist: &Vector6<f64>) -> MissDocument {
+fn miss(task: &Reading, twist: &Vector6<f64>) -> MissDocument {
     MissDocument {
         position_m: twist.fixed_rows::<3>(0).norm(),
-        orientation_rad: twist.fixed_rows::<3>(3).norm(),
+        orientation_rad: task.orientation.map(|_| twist.fixed_rows::<3>(3).norm()),
     }
 }
 
@@ -110,6 +133,7 @@ pub fn status(corrected: &Corrected) -> &'static str {
         End::AtLimit(_) => "at_limit",
         End::OutOfReach => "out_of_reach",
         End::Collapsed => "collapsed",
+        End::Forbidden => "forbidden",
     }
 }
 
@@ -133,7 +157,8 @@ pub fn text(
     ];
     let mut rows = table(&header, &[2, 3, 4, 5, 6, 7]);
     for (task, c) in tasks.iter().zip(corrected).take(SHOWN) {
-        let (before, left) = (miss(&c.before), miss(&c.command.left));
+        let (before, left) = (miss(task, &c.before), miss(task, &c.command.left));
+        let turned = |angle_: Option<f64>| angle_.map_or("—".to_owned(), angle);
         let deviation = c.deviation();
         rows.add_row(vec![
             task.pose
@@ -143,9 +168,13 @@ pub fn text(
             length(before.position_m),
             length(left.position_m),
             deviation.map_or("—".to_owned(), |d| length(d.0)),
-            angle(before.orientation_rad),
-            angle(left.orientation_rad),
-            deviation.map_or("—".to_owned(), |d| angle(d.1)),
+            turned(before.orientation_rad),
+            turned(left.orientation_rad),
+            turned(
+                deviation
+                    .filter(|_| task.orientation.is_some())
+                    .map(|d| d.1),
+            ),
             status(c).replace('_', " "),
         ]);
     }
@@ -183,6 +212,9 @@ pub fn text(
             )),
             End::Collapsed => say(format!(
                 "load     {label}: the arm does not hold this load in the model"
+            )),
+            End::Forbidden => say(format!(
+                "limits   {label}: only in a posture outside of the joints' limits or those of --limits"
             )),
             End::Reached => {}
         }

@@ -5,6 +5,7 @@ use super::run::{model_name, percent};
 use crate::campaign::Wrench;
 use crate::plot::{Content, Figure, Panel, Series};
 use crate::scenario::Scenario;
+use crate::scenario::drill::cutting;
 use crate::scenario::drill::summary::{Summary, summary, tare, without};
 use crate::scenario::drill::{Bored, Drilling, Mode, Sample};
 use serde::Serialize;
@@ -23,8 +24,8 @@ pub struct DrillDocument {
 pub struct Finding {
     /// The paper's words, shortened.
     pub finding: &'static str,
-    /// Does it hold?
-    pub holds: bool,
+    /// Does it hold? None if the holes do not tell.
+    pub holds: Option<bool>,
     /// By which figures.
     pub figures: String,
 }
@@ -33,45 +34,52 @@ pub struct Finding {
 pub fn document(wanted: &Drilling, holes: &[Bored]) -> DrillDocument {
     let summaries: Vec<Summary> = holes.iter().map(|hole| summary(wanted, hole)).collect();
     DrillDocument {
-        findings: findings(&summaries),
+        findings: findings(wanted, &summaries),
         holes: summaries,
     }
 }
 
-/// Thrust counts as largest at the breakthrough if it is so near in time, s.
-const AT_BREAKTHROUGH: f64 = 0.25;
 /// The two sensors' thrusts count as nearly equal up to this share.
 const NEARLY: f64 = 0.05;
 
 /// What the paper says of its Figures 10 and 11, against the holes drilled here; comparisons need a hole without and one
-/// with compensation.
-pub fn findings(holes: &[Summary]) -> Vec<Finding> {
+/// with compensation, and all of them a steady cut.
+pub fn findings(wanted: &Drilling, holes: &[Summary]) -> Vec<Finding> {
     let mut all = Vec::new();
-    let through = |hole: &Summary| {
-        let through = hole.through_s?;
-        Some((hole.thrust_peak_s - through).abs() <= AT_BREAKTHROUGH)
-    };
+    let (back, cone) = (cutting::thickness(&wanted.layers()), wanted.drill().cone());
     let each = |of: &dyn Fn(&Summary) -> String| {
         let each: Vec<String> = holes
             .iter()
-            .map(|hole| format!("{} {}", hole.mode.words(), of(hole)))
+            .map(|hole| format!("{} {}", hole.mode.word(), of(hole)))
             .collect();
         each.join(", ")
     };
+    let every = |of: &dyn Fn(&Summary) -> Option<bool>| {
+        holes
+            .iter()
+            .try_fold(true, |all, hole| Some(all && of(hole)?))
+    };
     all.push(Finding {
         finding: "thrust is largest where the drill comes through",
-        holds: holes.iter().all(|hole| through(hole) == Some(true)),
+        holds: every(&|hole| {
+            // within the height of its point
+            hole.through_s?;
+            Some((hole.thrust_peak_depth_m - back).abs() <= cone)
+        }),
         figures: each(&|hole| {
-            let through = hole
-                .through_s
-                .map_or("never".to_owned(), |t| format!("{t:.2} s"));
-            format!("at {:.2} s, through {through}", hole.thrust_peak_s)
+            format!(
+                "{} mm deep of {}",
+                number(hole.thrust_peak_depth_m * 1e3),
+                number(back * 1e3)
+            )
         }),
     });
-    let gap = |hole: &Summary| (hole.board_fz_N.abs() / hole.tool_fz_N.abs() - 1.0).abs();
     all.push(Finding {
         finding: "the two sensors' thrusts are nearly equal",
-        holds: holes.iter().all(|hole| gap(hole) <= NEARLY),
+        holds: every(&|hole| {
+            let gap = (hole.board_fz_N.abs() / hole.tool_fz_N.abs() - 1.0).abs();
+            gap.is_finite().then_some(gap <= NEARLY)
+        }),
         figures: each(&|hole| {
             format!(
                 "{} and {} N",
@@ -83,32 +91,33 @@ pub fn findings(holes: &[Summary]) -> Vec<Finding> {
     let without = holes.iter().find(|hole| hole.mode == Mode::Nominal);
     let with = holes.iter().rfind(|hole| hole.mode != Mode::Nominal);
     if let (Some(without), Some(with)) = (without, with) {
-        let fall = |a: f64, b: f64| format!("{} → {} N", number(a), number(b));
-        all.push(Finding {
-            finding: "lateral forces are smaller with compensation",
-            holds: with.lateral_peak_N < without.lateral_peak_N,
-            figures: format!(
-                "largest {}, steady {}",
-                fall(without.lateral_peak_N, with.lateral_peak_N),
-                fall(without.lateral_steady_N, with.lateral_steady_N)
+        let pairs = [
+            (
+                "lateral forces are smaller with compensation",
+                (without.lateral_peak_N, with.lateral_peak_N),
+                (without.lateral_steady_N, with.lateral_steady_N),
             ),
-        });
-        all.push(Finding {
-            finding: "thrust is smaller with compensation",
-            holds: with.thrust_peak_N < without.thrust_peak_N
-                && with.thrust_steady_N < without.thrust_steady_N,
-            figures: format!(
-                "largest {}, steady {}: the feed decides it, and an arm that does not give way feeds more evenly",
-                fall(without.thrust_peak_N, with.thrust_peak_N),
-                fall(without.thrust_steady_N, with.thrust_steady_N)
+            (
+                "thrust is smaller with compensation",
+                (without.thrust_peak_N, with.thrust_peak_N),
+                (without.thrust_steady_N, with.thrust_steady_N),
             ),
-        });
+        ];
+        for (finding, most, steady) in pairs {
+            let known = steady.0.is_finite() && steady.1.is_finite();
+            let fall = |(a, b): (f64, f64)| format!("{} → {} N", number(a), number(b));
+            all.push(Finding {
+                finding,
+                holds: known.then_some(most.1 < most.0 && steady.1 < steady.0),
+                figures: format!("largest {}, steady {}", fall(most), fall(steady)),
+            });
+        }
     }
     all
 }
 
 /// What a user reads.
-pub fn text(wanted: &Drilling, holes: &[Bored]) -> String {
+pub fn text(scenario: &Scenario, wanted: &Drilling, holes: &[Bored]) -> String {
     let summaries: Vec<Summary> = holes.iter().map(|hole| summary(wanted, hole)).collect();
     let thickness: f64 = wanted.layer.iter().map(|layer| layer.thickness_mm).sum();
     let head = format!(
@@ -125,7 +134,7 @@ pub fn text(wanted: &Drilling, holes: &[Bored]) -> String {
     );
     let mut out = wrap(&head, 9) + "\n\n";
     let mut header = vec!["commands"];
-    header.extend(summaries.iter().map(|hole| hole.mode.words()));
+    header.extend(summaries.iter().map(|hole| hole.mode.word()));
     let right: Vec<usize> = (1..header.len()).collect();
     let mut rows = table(&header, &right);
     let mut row = |name: &str, of: &dyn Fn(&Summary) -> String| {
@@ -136,7 +145,7 @@ pub fn text(wanted: &Drilling, holes: &[Bored]) -> String {
     row("hole off its place", &|h| {
         h.hole_error_m.map_or("not drilled".to_owned(), length)
     });
-    row("axis off the normal", &|h| angle(h.tilt_rad));
+    row("axis off the normal, steady", &|h| angle(h.tilt_rad));
     row("moved to touch", &|h| length(h.touch_m));
     row("thrust, largest, N", &|h| number(h.thrust_peak_N));
     row("  at, s", &|h| format!("{:.2}", h.thrust_peak_s));
@@ -156,19 +165,46 @@ pub fn text(wanted: &Drilling, holes: &[Bored]) -> String {
     row("  of moments", &|h| percent(h.moment_balance));
     out += &render(&rows);
     out += "\n\nthe paper's findings\n";
-    for finding in findings(&summaries) {
-        let holds = if finding.holds {
-            "holds"
-        } else {
-            "does not hold"
+    for finding in findings(wanted, &summaries) {
+        let holds = match finding.holds {
+            Some(true) => "holds",
+            Some(false) => "does not hold",
+            None => "not known",
         };
         let line = format!("  {}: {holds} · {}", finding.finding, finding.figures);
         let _ = writeln!(out, "{}", wrap(&line, 4));
     }
+    for (hole, bored) in summaries.iter().zip(holes) {
+        let word = hole.mode.word();
+        let mut say = |line: String| {
+            let _ = writeln!(out, "{}", wrap(&line, 9));
+        };
+        if hole.buckling > 1.0 {
+            say(format!(
+                "breaks   {word}: the drill buckles at {} N, it bears {} N: the hole is none",
+                number(wanted.drill().buckling_load()),
+                number(hole.thrust_peak_N)
+            ));
+        }
+        if hole.bending > 1.0 {
+            say(format!(
+                "breaks   {word}: bent to {} times what carbide bears: the hole is none",
+                number(hole.bending)
+            ));
+        }
+        for &(joint, torque, rating) in &bored.overloaded {
+            say(format!(
+                "load     {word}: {} bears {} N·m, rated {}",
+                scenario.setup.robot.joints[joint].name,
+                number(torque),
+                number(rating)
+            ));
+        }
+    }
     for hole in summaries.iter().filter(|h| h.unreached > 0) {
         let line = format!(
             "far      {}: {} ticks without a command that reaches the pose; the one before stood",
-            hole.mode.words(),
+            hole.mode.word(),
             hole.unreached
         );
         let _ = writeln!(out, "{}", wrap(&line, 9));
@@ -216,7 +252,7 @@ pub fn write_csv(wanted: &Drilling, holes: &[Bored], out: impl io::Write) -> io:
     for hole in holes {
         for (sample, both) in hole.samples.iter().zip(processes(wanted, hole)) {
             let mut cells = vec![
-                hole.mode.words().to_owned(),
+                hole.mode.word().to_owned(),
                 sample.time.to_string(),
                 (sample.depth * 1e3).to_string(),
                 sample.need.thrust.to_string(),
@@ -236,7 +272,7 @@ pub fn write_csv(wanted: &Drilling, holes: &[Bored], out: impl io::Write) -> io:
 }
 
 /// A point of a curve is the mean of so long, s: single readings would hide one hole behind the noise of another.
-const MEAN_OF: f64 = 0.1;
+const MEAN_OF: f64 = 0.05;
 
 /// The paper's Figures 10 (the board's sensor) and 11 (the drill's): six curves over time, every hole its own line.
 pub fn figures(
@@ -259,7 +295,7 @@ pub fn figures(
                 };
                 let points = hole.samples.chunks(ticks).zip(both.chunks(ticks));
                 Series {
-                    name: hole.mode.words().to_owned(),
+                    name: hole.mode.word().to_owned(),
                     points: points
                         .map(|(samples, both)| {
                             let count = samples.len() as f64;

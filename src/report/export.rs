@@ -64,7 +64,13 @@ fn list(words: &[String], none: &str) -> String {
 }
 
 /// What a user reads; `same` is the campaign and the model as words of a command line.
-pub fn text(subject: &Subject<'_>, file: &str, made: &Made, same: &str) -> String {
+pub fn text(
+    subject: &Subject<'_>,
+    file: &str,
+    made: &Made,
+    same: &str,
+    rigid: Option<&Rigid>,
+) -> String {
     let Subject {
         campaign,
         fit,
@@ -85,6 +91,12 @@ pub fn text(subject: &Subject<'_>, file: &str, made: &Made, same: &str) -> Strin
         Made::Json => format!("rigid    {held}"),
         _ => format!("in it    {held}"),
     });
+    if !calibrated.of_measurement.is_empty() {
+        say(format!(
+            "besides  {}: of the measurement, no robot's; left out",
+            calibrated.of_measurement.join(", ")
+        ));
+    }
     let read_back = |(position, turn): (f64, f64)| {
         format!(
             "read back and compared with the model at {} random postures without load: off by {}, {}",
@@ -129,7 +141,7 @@ pub fn text(subject: &Subject<'_>, file: &str, made: &Made, same: &str) -> Strin
             "note     {target}: no reading has its orientation; its frame is turned as its link's"
         ));
     }
-    out += &left(subject, made);
+    out += &left(subject, made, rigid);
     let mut say = |line: String| {
         let _ = writeln!(out, "{}", wrap(&line, 9));
     };
@@ -320,7 +332,7 @@ fn unturned(fit: &Fit, calibrated: &Calibrated) -> Vec<String> {
 }
 
 /// What the file does not hold, and what that costs.
-fn left(subject: &Subject<'_>, made: &Made) -> String {
+fn left(subject: &Subject<'_>, made: &Made, rigid: Option<&Rigid>) -> String {
     let Subject {
         campaign,
         fit,
@@ -362,7 +374,53 @@ fn left(subject: &Subject<'_>, made: &Made) -> String {
         length(position_error(&fit.model, &fit.values, readings))
     );
     let _ = writeln!(out, "{}", wrap(&sentence, 0));
+    if let Some(rigid) = rigid {
+        let file = position_error(&fit.model, &calibrated.values, readings);
+        let sentence = format!(
+            "The nominal robot leaves {}; a fit of nothing but what a file can hold ({}) leaves {}.",
+            length(rigid.nominal),
+            if rigid.effects.is_empty() {
+                "frames"
+            } else {
+                &rigid.effects
+            },
+            length(rigid.own)
+        );
+        let _ = writeln!(out, "{}", wrap(&sentence, 0));
+        if file > rigid.nominal {
+            let _ = writeln!(
+                out,
+                "{}",
+                wrap(
+                    "WARNING  without the rest of the model this file is worse than the nominal robot.",
+                    9
+                )
+            );
+        }
+        // a tenth is worth another file
+        if file > 1.1 * rigid.own {
+            let words = match &rigid.effects[..] {
+                "" => "\"\"",
+                effects => effects,
+            };
+            let sentence = format!(
+                "better   alone, without `misfit compensate`, is the file of that fit: --effects {words}"
+            );
+            let _ = writeln!(out, "{}", wrap(&sentence, 9));
+        }
+    }
     out
+}
+
+/// What robots that a file can hold leave of the readings' positions, rms, m.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rigid {
+    /// The nominal one, standing where the readings say.
+    pub nominal: f64,
+    /// The best one.
+    pub own: f64,
+    /// Its effects, as for `--effects`.
+    pub effects: String,
 }
 
 /// `misfit.export/1`.

@@ -1,7 +1,7 @@
 //! Maps of the workspace: on the terminal, as JSON, as a table of points, and as pictures.
 
 use super::format::{angle, count, length, number, render, table, wrap};
-use crate::map::{AXES, By, Map, MapSummary, Off, Request};
+use crate::map::{AXES, By, Map, MapSummary, Off, Request, Which};
 use crate::plot::{Content, Figure, Map as Coloured, Panel};
 use crate::recording::Cloud;
 use crate::robot::JointKind;
@@ -16,21 +16,96 @@ const SLICES: usize = 4;
 /// Maps in numbers; the points stand in the CSV.
 #[derive(Debug, Serialize)]
 pub struct MapDocument {
+    /// `load` or `total`.
+    error: Which,
     /// The load, kg.
     load_kg: f64,
+    /// Its centre in the target's link, m.
+    com_m: [f64; 3],
+    /// Axes of the slice or volume.
+    axes: String,
+    /// Where the points are, by target: ranges along the axes, m; and the third coordinate of a slice.
+    grids: Vec<GridDocument>,
+    /// Is the orientation of the posture of reference held?
+    hold_orientation: bool,
+    /// Stiffness by who tells and joint, N·m/rad (N/m); none is rigid or not known.
+    springs: Vec<SpringsDocument>,
     /// By target and by who tells.
     maps: Vec<MapSummary>,
-    /// Where both told.
+    /// Where both told of a load.
     agreement: Vec<Agreement>,
 }
 
+#[derive(Debug, Serialize)]
+struct GridDocument {
+    target: String,
+    ranges_m: Vec<[f64; 2]>,
+    counts: Vec<usize>,
+    at_m: Option<f64>,
+}
+
+#[derive(Debug, Serialize)]
+struct SpringsDocument {
+    by: By,
+    joints: Vec<(String, Option<f64>)>,
+}
+
+/// How far model and plant are apart, of what a load does. All that a target is off is against each one's own nominal robot,
+/// and the fitted one stands elsewhere: no agreement is to be expected.
+fn agreements(setup: &Setup, wanted: &Request, maps: &Maps) -> Vec<Agreement> {
+    match wanted.error {
+        Which::Load => agreement(setup, maps),
+        Which::Total => Vec::new(),
+    }
+}
+
 /// The document.
-pub fn document(setup: &Setup, maps: &Maps) -> MapDocument {
+pub fn document(setup: &Setup, wanted: &Request, maps: &Maps) -> MapDocument {
+    let first = maps.stiffness.first().map(|(by, _)| *by);
+    let each = maps.maps.iter().filter(|map| Some(map.by) == first);
+    let axes = maps.maps.first().map(|map| letters(map, ""));
     MapDocument {
+        error: wanted.error,
+        com_m: maps.load.com.into(),
+        axes: axes.unwrap_or_default(),
+        grids: each
+            .map(|map| GridDocument {
+                target: setup.targets[map.target].name.clone(),
+                ranges_m: map.grid.ranges.iter().map(|(a, b)| [*a, *b]).collect(),
+                counts: map.grid.counts.clone(),
+                at_m: third(map).map(|axis| map.grid.at[axis]),
+            })
+            .collect(),
+        hold_orientation: wanted.hold_orientation,
+        springs: maps
+            .stiffness
+            .iter()
+            .map(|(by, all)| SpringsDocument {
+                by: *by,
+                joints: setup
+                    .robot
+                    .joints
+                    .iter()
+                    .zip(all)
+                    .map(|(joint, k)| (joint.name.clone(), *k))
+                    .collect(),
+            })
+            .collect(),
         load_kg: maps.load.mass,
         maps: maps.maps.iter().map(|map| map.summary(setup)).collect(),
-        agreement: agreement(setup, maps),
+        agreement: agreements(setup, wanted, maps),
     }
+}
+
+/// The axis that a slice does not have.
+fn third(map: &Map) -> Option<usize> {
+    (0..3).find(|axis| !map.grid.axes.contains(axis))
+}
+
+/// The letters of a map's axes.
+fn letters(map: &Map, between: &str) -> String {
+    let letters: Vec<&str> = map.grid.axes.iter().map(|&axis| AXES[axis]).collect();
+    letters.join(between)
 }
 
 /// What a user reads.
@@ -39,17 +114,13 @@ pub fn text(setup: &Setup, wanted: &Request, maps: &Maps) -> String {
         "map      {} by {} kg · {}",
         wanted.error.words(),
         number(maps.load.mass),
-        where_(maps.maps.first()),
+        where_(setup, &maps.maps),
     );
     let mut out = wrap(&head, 9) + "\n";
     for (by, stiffness) in &maps.stiffness {
-        let target = maps.maps.first().map_or(0, |map| map.target);
-        let line = format!(
-            "springs  {}: {}",
-            by.words(),
-            springs(setup, target, stiffness)
-        );
-        out += &(wrap(&line, 9) + "\n");
+        for line in springs(setup, &maps.maps, stiffness) {
+            out += &(wrap(&format!("springs  {}: {line}", by.words()), 9) + "\n");
+        }
     }
     out.push('\n');
     let header = [
@@ -74,14 +145,17 @@ pub fn text(setup: &Setup, wanted: &Request, maps: &Maps) -> String {
             s.reached.to_string(),
             length(s.position_median_m),
             length(s.position_max_m),
-            format!("{x:.2} {y:.2} {z:.2}"),
+            match x.is_finite() {
+                true => format!("{x:.2} {y:.2} {z:.2}"),
+                false => "—".to_owned(),
+            },
             angle(s.orientation_median_rad),
             angle(s.orientation_max_rad),
         ]);
     }
     out += &render(&rows);
     out += "\n\n";
-    for agreement in agreement(setup, maps) {
+    for agreement in agreements(setup, wanted, maps) {
         let line = format!(
             "agree    {}: model and MuJoCo are at most {} apart, {} of the largest",
             agreement.target,
@@ -101,7 +175,17 @@ pub fn text(setup: &Setup, wanted: &Request, maps: &Maps) -> String {
             );
             out += &(wrap(&line, 9) + "\n");
         }
-        if s.reached == 0 {
+        if s.overloaded > 0 {
+            let line = format!(
+                "load     {}: at {} of {} a joint bears more than it is rated for, by {}",
+                s.target,
+                count(s.overloaded, "point"),
+                s.reached,
+                s.by.words()
+            );
+            out += &(wrap(&line, 9) + "\n");
+        }
+        if s.reached == 0 && Some(map.by) == maps.stiffness.first().map(|(by, _)| *by) {
             let line = format!("far      {}: no point is in reach", s.target);
             out += &(wrap(&line, 9) + "\n");
         }
@@ -109,35 +193,66 @@ pub fn text(setup: &Setup, wanted: &Request, maps: &Maps) -> String {
     out
 }
 
-/// Which slice or volume.
-fn where_(map: Option<&Map>) -> String {
-    let Some(Map { grid, .. }) = map else {
+/// Which slices or volume.
+fn where_(setup: &Setup, maps: &[Map]) -> String {
+    let Some(first) = maps.first() else {
         return "nowhere".to_owned();
     };
-    let letters: Vec<&str> = grid.axes.iter().map(|&axis| AXES[axis]).collect();
-    match (0..3).find(|axis| !grid.axes.contains(axis)) {
-        Some(third) => format!(
-            "slice {} at {} = {} m",
-            letters.join("-"),
-            AXES[third],
-            number(grid.at[third])
-        ),
-        None => format!("volume {}", letters.join("-")),
-    }
+    let Some(third) = third(first) else {
+        return format!("volume {}", letters(first, "-"));
+    };
+    let own: Vec<&Map> = maps.iter().filter(|map| map.by == first.by).collect();
+    let at = |map: &Map| format!("{} m", number(map.grid.at[third]));
+    let same = own
+        .iter()
+        .all(|map| map.grid.at[third] == first.grid.at[third]);
+    let places = match same {
+        true => at(first),
+        false => {
+            let all: Vec<String> = own
+                .iter()
+                .map(|map| format!("{} ({})", at(map), setup.targets[map.target].name))
+                .collect();
+            all.join(", ")
+        }
+    };
+    format!(
+        "slice {} at {} = {places}",
+        letters(first, "-"),
+        AXES[third]
+    )
 }
 
-/// Springs of a target's chain from the base outwards.
-fn springs(setup: &Setup, target: usize, stiffness: &[Option<f64>]) -> String {
-    let chain = setup.robot.chain(setup.target_body(target));
-    let one = |&joint: &usize| {
-        let unit = match setup.robot.joints[joint].kind {
-            JointKind::Prismatic => " N/m",
-            _ => "",
+/// Springs of the targets' chains from the base outwards: one line for all that have the same, else one for each target.
+fn springs(setup: &Setup, maps: &[Map], stiffness: &[Option<f64>]) -> Vec<String> {
+    let of = |target: usize| {
+        let chain = setup.robot.chain(setup.target_body(target));
+        let one = |&joint: &usize| {
+            let unit = match setup.robot.joints[joint].kind {
+                JointKind::Prismatic => " kN/m",
+                _ => "",
+            };
+            stiffness[joint].map_or("—".to_owned(), |k| format!("{}{unit}", number(k / 1e3)))
         };
-        stiffness[joint].map_or("—".to_owned(), |k| format!("{}{unit}", number(k / 1e3)))
+        let all: Vec<String> = chain.iter().map(one).collect();
+        format!("{} kN·m/rad from the base outwards", all.join(", "))
     };
-    let all: Vec<String> = chain.iter().map(one).collect();
-    format!("{} kN·m/rad from the base outwards", all.join(", "))
+    let mut lines: Vec<(usize, String)> = Vec::new();
+    for map in maps {
+        if lines.iter().all(|(target, _)| *target != map.target) {
+            lines.push((map.target, of(map.target)));
+        }
+    }
+    let same = lines
+        .iter()
+        .all(|(_, line)| Some(line) == lines.first().map(|l| &l.1));
+    match same {
+        true => lines.into_iter().take(1).map(|(_, line)| line).collect(),
+        false => lines
+            .into_iter()
+            .map(|(target, line)| format!("{} {line}", setup.targets[target].name))
+            .collect(),
+    }
 }
 
 /// Every point as a table: base frame, errors where it is in reach, the posture.
@@ -197,22 +312,24 @@ pub fn figures(
             .filter(|map| map.off.iter().any(Option::is_some))
             .collect();
         let panels: Vec<Panel> = shown.iter().flat_map(|map| panels(setup, map)).collect();
-        let target = own.first().map_or(0, |map| map.target);
         let columns = match own.first().map(|map| map.grid.axes.len()) {
             Some(3) => panels.len() / (2 * shown.len()).max(1),
             _ => 2,
         };
         Figure {
-            title: vec![
-                format!(
-                    "{robot}: {} under {} kg, {}, by {}",
-                    wanted.error.words(),
-                    number(maps.load.mass),
-                    where_(own.first().copied()),
-                    by.words()
-                ),
-                format!("springs {}", springs(setup, target, stiffness)),
-            ],
+            title: std::iter::once(format!(
+                "{robot}: {} under {} kg, {}, by {}",
+                wanted.error.words(),
+                number(maps.load.mass),
+                where_(setup, &maps.maps),
+                by.words()
+            ))
+            .chain(
+                springs(setup, &maps.maps, stiffness)
+                    .into_iter()
+                    .map(|line| format!("springs {line}")),
+            )
+            .collect(),
             panels,
             columns,
             panel_size: (520, 430),

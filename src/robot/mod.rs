@@ -175,6 +175,16 @@ impl Robot {
         poses
     }
 
+    /// Joints that bear more than they are rated for, of torques by joint, N·m (N): index, torque and rating.
+    pub fn overloaded(&self, torques: &[f64]) -> Vec<(usize, f64, f64)> {
+        let all = self.joints.iter().zip(torques).enumerate();
+        all.filter_map(|(index, (joint, torque))| {
+            let rating = joint.effort?;
+            (torque.abs() > rating).then_some((index, torque.abs(), rating))
+        })
+        .collect()
+    }
+
     /// Indices of the joints that move `body`, from the base outwards; empty for the base.
     pub fn chain(&self, mut body: usize) -> Vec<usize> {
         let mut chain = Vec::new();

@@ -115,11 +115,14 @@ impl FilterEntry {
                 // seven digits: what a decimal fraction times 1000 is meant to be
                 format!("moving average {} ms", (window * 1e4).round() / 1e4)
             }
-            FilterKind::LowPass => format!(
-                "low pass {} Hz, order {}",
-                self.cutoff_hz.unwrap_or_default(),
-                self.order.unwrap_or(2)
-            ),
+            FilterKind::LowPass => {
+                let cutoff = self.cutoff_hz.map(|cutoff| format!(" {cutoff} Hz"));
+                format!(
+                    "low pass{}, order {}",
+                    cutoff.unwrap_or_default(),
+                    self.order.unwrap_or(2)
+                )
+            }
         };
         if self.predict {
             name += ", predicted";
@@ -128,12 +131,12 @@ impl FilterEntry {
     }
 
     /// The filter at a rate, Hz. A command acts a tick after its measurement: this is foreseen besides the filter's own
-    /// delay.
+    /// delay. `key` is what messages call it.
     ///
     /// # Errors
     /// A sentence that names the key.
-    pub fn law(&self, rate: f64) -> Result<Law, String> {
-        let wrong = |what: String| Err(format!("[[loop.filter]] {}: {what}", self.name()));
+    pub fn law(&self, key: &str, rate: f64) -> Result<Law, String> {
+        let wrong = |what: String| Err(format!("{key} {}: {what}", self.name()));
         let foreign = match self.kind {
             FilterKind::None => [
                 ("window_s", self.window_s.is_some()),
@@ -244,6 +247,17 @@ impl ControlLoop {
             );
         }
         self.pulls.iter().try_for_each(Pull::check)?;
+        let fast = |pull: &&Pull| pull.frequency_hz.is_some_and(|f| f >= self.rate_hz / 2.0);
+        if let Some(pull) = self.pulls.iter().find(fast) {
+            return Err(format!(
+                "[[loop.pull]] frequency_hz is {}; accepted: below half of rate_hz, {}",
+                pull.frequency_hz.unwrap_or_default(),
+                self.rate_hz / 2.0
+            ));
+        }
+        if (1..self.models.len()).any(|k| self.models[..k].contains(&self.models[k])) {
+            return wrong("models has one of them twice; accepted: each once".to_owned());
+        }
         if self.models.is_empty() {
             return wrong(
                 "models is empty; accepted: \"default\", \"true\", words as for --effects"
@@ -255,7 +269,7 @@ impl ControlLoop {
         }
         let mut names = std::collections::BTreeSet::new();
         for filter in &self.filters {
-            filter.law(self.rate_hz)?;
+            filter.law("[[loop.filter]]", self.rate_hz)?;
             if !names.insert(filter.name()) {
                 return Err(format!(
                     "[[loop.filter]] {} stands there twice",
@@ -511,7 +525,7 @@ fn hold_by(
     let filters = &wanted.filters;
     let laws: Vec<Law> = filters
         .iter()
-        .map(|filter| filter.law(wanted.rate_hz))
+        .map(|filter| filter.law("[[loop.filter]]", wanted.rate_hz))
         .collect::<Result<_, _>>()
         .map_err(|message| ScenarioError::Form {
             file: scenario.file.clone(),

@@ -23,13 +23,37 @@ pub struct Maps {
     pub load: Payload,
 }
 
-/// Maps the scenario's last load.
+/// The load that a scenario's maps are of: its design's last.
+pub fn last_load(scenario: &Scenario) -> Result<Payload, ScenarioError> {
+    let none = Payload {
+        mass: 0.0,
+        com: Vector3::zeros(),
+    };
+    let Some(load) = scenario.design.loads.last() else {
+        return Ok(none);
+    };
+    if load.pull != Vector3::zeros() {
+        return Err(ScenarioError::Form {
+            file: scenario.file.clone(),
+            message: "[design] loads: the last one has pull_N, and a map knows dead weights alone; accepted: a last load \
+                      without pull_N"
+                .to_owned(),
+        });
+    }
+    Ok(Payload {
+        mass: load.mass,
+        com: load.com,
+    })
+}
+
+/// Maps a load.
 ///
 /// # Errors
 /// If plant or model cannot be built, or the request does not fit the robot.
 pub fn map(
     scenario: &Scenario,
     wanted: &Request,
+    load: Payload,
     on_posture: impl Fn() + Sync,
 ) -> Result<Maps, ScenarioError> {
     let of_plant = |source: PlantError| ScenarioError::Plant {
@@ -47,16 +71,11 @@ pub fn map(
     };
     let setup = &scenario.setup;
     let by = wanted.tellers();
-    let load = scenario.design.loads.last().map_or(
-        Payload {
-            mass: 0.0,
-            com: Vector3::zeros(),
-        },
-        |load| Payload {
-            mass: load.mass,
-            com: load.com,
-        },
-    );
+    wanted.check_load(&load).map_err(form)?;
+    let form = |message: String| ScenarioError::Form {
+        file: scenario.file.clone(),
+        message,
+    };
     // a map by the plant alone needs no readings: the frames come from the scenario
     let campaign = match by.contains(&By::Model) {
         true => simulate::simulate(scenario, || {})?,
@@ -108,12 +127,15 @@ pub fn map(
                             };
                             let loaded = held(plant, &spec, joints, target, Some(&hanging))?;
                             let against = match wanted.error {
-                                Which::Load => held(plant, &spec, joints, target, None)?,
+                                Which::Load => {
+                                    held(plant, &spec, joints, target, None)?.map(|(pose, _)| pose)
+                                }
                                 Which::Total => Some(nominal(joints)),
                             };
-                            Ok(loaded.zip(against).map(|(a, b)| Off {
+                            Ok(loaded.zip(against).map(|((a, torques), b)| Off {
                                 position: (a.translation.vector - b.translation.vector).norm(),
                                 orientation: a.rotation.angle_to(&b.rotation),
+                                overloaded: !setup.robot.overloaded(&torques).is_empty(),
                             }))
                         })
                         .map_err(of_plant)?

@@ -115,7 +115,7 @@ fn survey_target(
             on_posture();
             let bare = held(plant, spec, joints, target, None)?;
             let loaded = held(plant, spec, joints, target, load)?;
-            Ok(bare.zip(loaded).map(|(bare, loaded)| {
+            Ok(bare.zip(loaded).map(|((bare, _), (loaded, _))| {
                 let moved = loaded.translation.vector - bare.translation.vector;
                 (moved.norm(), loaded.rotation.angle_to(&bare.rotation))
             }))
@@ -134,14 +134,17 @@ fn survey_target(
     })
 }
 
-/// Pose of the target at rest under a load; none where the arm does not hold.
+/// Pose of a target, and the torque on each joint, N·m (N).
+pub(super) type Held = (nalgebra::Isometry3<f64>, Vec<f64>);
+
+/// Pose of the target at rest under a load, and what each joint bears; none where the arm does not hold.
 pub(super) fn held(
     plant: &mut Plant,
     spec: &PlantSpec,
     joints: &[f64],
     target: usize,
     load: Option<&DesignLoad>,
-) -> Result<Option<nalgebra::Isometry3<f64>>, PlantError> {
+) -> Result<Option<Held>, PlantError> {
     let command = Command {
         joints: joints.to_vec(),
         approach: vec![1.0; joints.len()],
@@ -150,7 +153,10 @@ pub(super) fn held(
         temperature: 0.0,
     };
     match plant.state(&command) {
-        Ok(state) => Ok(Some(state.base_from_link[target] * spec.targets[target].1)),
+        Ok(state) => {
+            let pose = state.base_from_link[target] * spec.targets[target].1;
+            Ok(Some((pose, state.joint_torques)))
+        }
         Err(
             PlantError::GivesWay { .. }
             | PlantError::Unstable { .. }

@@ -23,6 +23,7 @@ use crate::model::{Model, Workspace};
 use crate::plan::space::{Space, generator};
 use crate::plant::instruments::{Draws, read};
 use crate::plant::{Command, Plant, PlantError, PlantSpec};
+use crate::report::format::number;
 use crate::setup::Setup;
 use contact::{Contact, Hole};
 use cutting::{Drill, Layer, Need};
@@ -93,8 +94,8 @@ pub struct Drilling {
     /// Model that corrects, as for `[compensate]`.
     #[serde(default = "default_model")]
     pub model: String,
-    /// Filter of the loop.
-    pub filter: FilterEntry,
+    /// Filter of the loop, if one of the commands is.
+    pub filter: Option<FilterEntry>,
 }
 
 fn board_size() -> [f64; 2] {
@@ -110,7 +111,7 @@ fn half() -> f64 {
 }
 
 fn all_modes() -> Vec<Mode> {
-    vec![Mode::Nominal, Mode::Static, Mode::Loop]
+    vec![Mode::Nominal, Mode::Corrected, Mode::Loop]
 }
 
 fn default_model() -> String {
@@ -135,27 +136,18 @@ pub enum Mode {
     /// By the nominal robot, standing where the fit says.
     Nominal,
     /// Corrected for all that the model holds, under the tools' weights.
-    Static,
+    Corrected,
     /// The same, and for what the wrist sensors feel, tick by tick.
     Loop,
 }
 
 impl Mode {
-    /// As scenarios have it.
-    pub fn key(self) -> &'static str {
+    /// Its name everywhere.
+    pub fn word(self) -> &'static str {
         match self {
             Mode::Nominal => "nominal",
-            Mode::Static => "static",
+            Mode::Corrected => "corrected",
             Mode::Loop => "loop",
-        }
-    }
-
-    /// For people.
-    pub fn words(self) -> &'static str {
-        match self {
-            Mode::Nominal => "nominal",
-            Mode::Static => "corrected",
-            Mode::Loop => "in the loop",
         }
     }
 }
@@ -179,6 +171,18 @@ impl Drilling {
         if self.board == self.tool {
             return wrong("board and tool are one target; accepted: one on each arm".to_owned());
         }
+        let body = |name: &str| {
+            let found = setup.targets.iter().find(|t| t.name == name);
+            found.map_or(0, |t| setup.robot.links[t.link].body)
+        };
+        let chains = [body(&self.board), body(&self.tool)].map(|body| setup.robot.chain(body));
+        let own = |a: usize, b: usize| chains[a].iter().any(|joint| !chains[b].contains(joint));
+        if !(own(0, 1) && own(1, 0)) {
+            return wrong(format!(
+                "board \"{}\" and tool \"{}\" hang on one arm; accepted: targets on two",
+                self.board, self.tool
+            ));
+        }
         let turns = [self.board_turn_deg, self.tool_turn_deg];
         let numbers = self.hole_m.iter().chain(&self.place_mm).chain(&turns);
         if let Some(found) = numbers.clone().find(|x| !x.is_finite()) {
@@ -188,8 +192,14 @@ impl Drilling {
         }
         if !(Vector3::from(self.feed).norm() > 1e-6 && Vector3::from(self.feed).norm() < 1e6) {
             return wrong(format!(
-                "feed is {:?}; accepted: a direction other than zero",
+                "feed is {:?}; accepted: a direction, any vector from 1e-6 to 1e6 long",
                 self.feed
+            ));
+        }
+        if self.size_mm.iter().any(|x| !(*x > 0.0 && *x <= 1e4)) {
+            return wrong(format!(
+                "size_mm is {:?}; accepted: two edges above 0, up to 10000",
+                self.size_mm
             ));
         }
         for (axis, (place, size)) in self.place_mm.iter().zip(&self.size_mm).enumerate() {
@@ -221,7 +231,9 @@ impl Drilling {
                 return Ok(());
             }
             Err(format!(
-                "[drill] {key} is {value}; accepted: {least} to {most}"
+                "[drill] {key} is {value}; accepted: {} to {}",
+                number(least),
+                number(most)
             ))
         };
         for layer in &self.layer {
@@ -235,13 +247,21 @@ impl Drilling {
         within("rate_hz", self.rate_hz, 10.0, 10_000.0)?;
         within("approach_s", self.approach_s, 0.1, 10.0)?;
         within("after_s", self.after_s, 0.0, 10.0)?;
-        let through = cutting::thickness(&self.layers()) * 1e3 + self.drill().cone() * 1e3;
-        within(
-            "length_mm",
-            self.length_mm,
-            through + self.diameter_mm,
-            500.0,
-        )?;
+        let least = (self.depth() * 1e3 + self.diameter_mm).min(500.0);
+        within("length_mm", self.length_mm, least, 500.0)?;
+        let layers = self.layers();
+        let thinnest = layers.iter().fold(f64::INFINITY, |a, b| a.min(b.thickness));
+        let step = (self.drill().cone() / 10.0).min(thinnest / 2.0);
+        let rate = self.feed_rate() / step;
+        if self.rate_hz < rate {
+            return wrong(format!(
+                "rate_hz is {}: the drill would advance {} µm a tick; accepted: {} or more, for a tenth of its point and \
+                 half of the thinnest layer",
+                self.rate_hz,
+                number(self.feed_rate() / self.rate_hz * 1e6),
+                rate.ceil()
+            ));
+        }
         let ticks = self.duration() * self.rate_hz;
         if ticks > MOST_TICKS {
             return wrong(format!(
@@ -249,10 +269,30 @@ impl Drilling {
             ));
         }
         if self.modes.is_empty() {
-            return wrong("commands is empty; accepted: nominal, static, loop".to_owned());
+            return wrong("commands is empty; accepted: nominal, corrected, loop".to_owned());
         }
-        self.filter.law(self.rate_hz)?;
-        Ok(())
+        if (1..self.modes.len()).any(|k| self.modes[..k].contains(&self.modes[k])) {
+            return wrong("commands has one of them twice; accepted: each once".to_owned());
+        }
+        self.law().map(|_| ())
+    }
+
+    /// The loop's filter.
+    fn law(&self) -> Result<Law, String> {
+        match &self.filter {
+            Some(filter) => filter.law("[drill] filter", self.rate_hz),
+            None if self.modes.contains(&Mode::Loop) => Err(
+                "[drill] filter is missing; accepted for commands = [\"loop\"]: { kind = \"none\" }, or another as for \
+                 [[loop.filter]]"
+                    .to_owned(),
+            ),
+            None => Ok(Law::none()),
+        }
+    }
+
+    /// How deep the tip is sent, m: through, with its whole cone, and as much again for what the arms give way.
+    fn depth(&self) -> f64 {
+        cutting::thickness(&self.layers()) + 2.0 * self.drill().cone()
     }
 
     /// The drill, SI.
@@ -283,9 +323,7 @@ impl Drilling {
 
     /// How long a hole takes, s.
     fn duration(&self) -> f64 {
-        let depth = cutting::thickness(&self.layers()) + self.drill().cone();
-        // the arms give way a little: the drill is later than it would be
-        self.approach_s + 1.1 * depth / self.feed_rate() + self.after_s
+        self.approach_s + self.depth() / self.feed_rate() + self.after_s
     }
 }
 
@@ -327,6 +365,8 @@ pub struct Bored {
     pub touch: f64,
     /// Ticks whose command was not found: the one before stood.
     pub unreached: usize,
+    /// Joints loaded beyond their rating: index, largest torque and rating, N·m (N).
+    pub overloaded: Vec<(usize, f64, f64)>,
 }
 
 /// Drills a hole in each mode.
@@ -494,7 +534,7 @@ impl<'a> Cell<'a> {
         let joints = setup.robot.joints.len();
         let draws = (0..2 * ticks).map(|_| Draws::new(joints, &mut random));
         let draws: Vec<Draws> = draws.collect();
-        let law = wanted.filter.law(wanted.rate_hz).map_err(form)?;
+        let law = wanted.law().map_err(form)?;
         Ok(Self {
             wanted,
             spec,
@@ -586,15 +626,21 @@ impl<'a> Cell<'a> {
         });
         let mut hole = Hole::default();
         let mut samples = Vec::with_capacity(self.draws.len() / 2);
+        let mut borne = vec![0.0_f64; self.model.setup.robot.joints.len()];
         for (index, draws) in self.draws.chunks(2).enumerate() {
             let time = index as f64 * tick;
-            let feed_at =
-                |time: f64| touch + self.wanted.feed_rate() * (time - self.wanted.approach_s);
+            let feed_at = |time: f64| {
+                let feed = self.wanted.feed_rate() * (time - self.wanted.approach_s);
+                touch + feed.min(self.wanted.depth())
+            };
             if controllers.is_none() || index == 0 {
                 tool = find(&self.tool, &tool, Some(feed_at(time)));
             }
             let command = self.command(&board, &tool);
             let moment = contact.advance(plant, &command, &mut hole)?;
+            for (most, torque) in borne.iter_mut().zip(&moment.state.joint_torques) {
+                *most = most.max(torque.abs());
+            }
             let sense = |arm: &Arm, draws: &Draws| {
                 read(
                     self.spec,
@@ -641,6 +687,7 @@ impl<'a> Cell<'a> {
             miss: hole.mouth.map(|mouth| mouth - place),
             touch,
             unreached: unreached.get(),
+            overloaded: self.model.setup.robot.overloaded(&borne),
         })
     }
 }

@@ -25,13 +25,15 @@ pub struct Summary {
     pub thrust_peak_N: f64,
     /// When that was, s.
     pub thrust_peak_s: f64,
+    /// How deep the tip was then, m.
+    pub thrust_peak_depth_m: f64,
     /// When the tip came through, s; none if it did not.
     pub through_s: Option<f64>,
     /// Mean thrust of the steady cut, N.
     pub thrust_steady_N: f64,
     /// Largest torque about the axis, N·m.
     pub torque_peak_Nm: f64,
-    /// Largest lateral force on the drill, N.
+    /// Largest lateral force on the drill while it cuts, N.
     pub lateral_peak_N: f64,
     /// Mean lateral force of the steady cut, N.
     pub lateral_steady_N: f64,
@@ -47,6 +49,10 @@ pub struct Summary {
     pub touch_m: f64,
     /// Ticks whose command was not found.
     pub unreached: usize,
+    /// Largest thrust over that under which the drill buckles.
+    pub buckling: f64,
+    /// Largest bending stress in the chuck over that at which carbide breaks.
+    pub bending: f64,
 }
 
 /// Mean readings of both sensors before the drill touches: the weights.
@@ -85,7 +91,9 @@ pub fn summary(wanted: &Drilling, hole: &Bored) -> Summary {
             Some(best) if best.need.thrust >= sample.need.thrust => Some(best),
             _ => Some(sample),
         });
-    let most = |of: fn(&Sample) -> f64| samples.iter().map(of).fold(0.0, f64::max);
+    let cutting = samples.iter().filter(|s| s.need.thrust > 0.0);
+    let most = |of: &dyn Fn(&Sample) -> f64| cutting.clone().map(of).fold(0.0, f64::max);
+    let drill = wanted.drill();
     let through = samples.iter().position(|s| s.depth > thickness);
     let cut = &samples[..through.unwrap_or(samples.len())];
     let inside = STEADY.0 * thickness..STEADY.1 * thickness;
@@ -119,10 +127,11 @@ pub fn summary(wanted: &Drilling, hole: &Bored) -> Summary {
         tilt_rad: mean(&|s| s.tilt),
         thrust_peak_N: thrust_peak,
         thrust_peak_s: peak.map_or(0.0, |s| s.time),
+        thrust_peak_depth_m: peak.map_or(0.0, |s| s.depth),
         through_s: through.map(|index| samples[index].time),
         thrust_steady_N: mean(&|s| s.need.thrust),
-        torque_peak_Nm: most(|s| s.need.torque),
-        lateral_peak_N: most(|s| s.lateral.norm()),
+        torque_peak_Nm: most(&|s| s.need.torque),
+        lateral_peak_N: most(&|s| s.lateral.norm()),
         lateral_steady_N: mean(&|s| s.lateral.norm()),
         board_fz_N: mean(&|s| process(s)[0].force.z),
         tool_fz_N: mean(&|s| process(s)[1].force.z),
@@ -130,5 +139,7 @@ pub fn summary(wanted: &Drilling, hole: &Bored) -> Summary {
         moment_balance: moment.norm() / (thrust_peak * distance),
         touch_m: hole.touch,
         unreached: hole.unreached,
+        buckling: thrust_peak / drill.buckling_load(),
+        bending: most(&|s| drill.bending_stress(s.lateral.norm(), s.depth)) / cutting::RUPTURE,
     }
 }

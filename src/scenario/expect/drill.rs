@@ -1,5 +1,6 @@
 //! Of holes.
 
+use super::super::drill::cutting;
 use super::super::drill::summary::summary;
 use super::super::drill::{Bored, Drilling, Mode};
 use super::{Check, Expect, within};
@@ -18,8 +19,8 @@ pub struct ExpectDrill {
     pub tilt_urad: Option<[f64; 2]>,
     /// Range of the largest thrust, N.
     pub thrust_N: Option<[f64; 2]>,
-    /// Largest time between the largest thrust and the breakthrough, s.
-    pub breakthrough_s: Option<f64>,
+    /// Largest distance of the tip from the back of the board at the largest thrust, µm.
+    pub breakthrough_um: Option<f64>,
     /// Range of the largest lateral force, N.
     pub lateral_N: Option<[f64; 2]>,
     /// Largest sum of the two sensors over the largest thrust, forces and moments.
@@ -39,24 +40,24 @@ impl Expect {
                 );
             };
             if !drill.modes.contains(&wanted.commands) {
-                let known: Vec<&str> = drill.modes.iter().map(|mode| mode.key()).collect();
+                let known: Vec<&str> = drill.modes.iter().map(|mode| mode.word()).collect();
                 return Err(format!(
                     "[[expect.drill]] commands = \"{}\"; accepted: one of [drill] commands: {}",
-                    wanted.commands.key(),
+                    wanted.commands.word(),
                     known.join(", ")
                 ));
             }
             let idle = wanted.hole_um.is_none()
                 && wanted.tilt_urad.is_none()
                 && wanted.thrust_N.is_none()
-                && wanted.breakthrough_s.is_none()
+                && wanted.breakthrough_um.is_none()
                 && wanted.lateral_N.is_none()
                 && wanted.balance.is_none();
             if idle {
                 return Err(format!(
-                    "[[expect.drill]] {} expects nothing; accepted: hole_um, tilt_urad, thrust_N, breakthrough_s, \
+                    "[[expect.drill]] {} expects nothing; accepted: hole_um, tilt_urad, thrust_N, breakthrough_um, \
                      lateral_N, balance",
-                    wanted.commands.key()
+                    wanted.commands.word()
                 ));
             }
         }
@@ -72,7 +73,7 @@ pub fn check_drill(expect: &Expect, drill: &Drilling, holes: &[Bored]) -> Vec<Ch
             continue;
         };
         let found = summary(drill, hole);
-        let name = |what: &str| format!("{what}, commands {}", found.mode.words());
+        let name = |what: &str| format!("{what}, commands {}", found.mode.word());
         let hole_error = found.hole_error_m.unwrap_or(f64::NAN) * 1e6;
         checks.extend(within(
             &name("hole off its place, µm"),
@@ -89,13 +90,14 @@ pub fn check_drill(expect: &Expect, drill: &Drilling, holes: &[Bored]) -> Vec<Ch
             found.thrust_peak_N,
             wanted.thrust_N,
         ));
-        let late = found
+        let back = cutting::thickness(&drill.layers());
+        let off = found
             .through_s
-            .map_or(f64::NAN, |t| (t - found.thrust_peak_s).abs());
+            .map_or(f64::NAN, |_| (found.thrust_peak_depth_m - back).abs());
         checks.extend(within(
-            &name("largest thrust from the breakthrough, s"),
-            late,
-            wanted.breakthrough_s.map(|most| [0.0, most]),
+            &name("tip from the back of the board at the largest thrust, µm"),
+            off * 1e6,
+            wanted.breakthrough_um.map(|most| [0.0, most]),
         ));
         checks.extend(within(
             &name("largest lateral force, N"),

@@ -2,7 +2,7 @@
 
 use super::super::mapped::{Maps, agreement};
 use super::{Check, Expect, within};
-use crate::map::{By, Request};
+use crate::map::{By, Request, Which};
 use crate::setup::Setup;
 use serde::Deserialize;
 
@@ -60,6 +60,13 @@ impl Expect {
             if wanted.apart.is_some() && by.len() < 2 {
                 return Err(format!(
                     "[[expect.map]] {}: apart needs both, by = [\"plant\", \"model\"] in [map]",
+                    wanted.target
+                ));
+            }
+            if wanted.apart.is_some() && map.error == Which::Total {
+                return Err(format!(
+                    "[[expect.map]] {}: apart is of what a load does; [map] error = \"total\" is against each one's own \
+                     nominal robot",
                     wanted.target
                 ));
             }
