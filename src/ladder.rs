@@ -50,6 +50,17 @@ pub enum Stop {
     Effect(String),
 }
 
+/// As [`Stop::parse`] reads it.
+impl std::fmt::Display for Stop {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Stop::Error(metres) => write!(out, "{metres}m"),
+            Stop::Rungs(most) => write!(out, "{most}"),
+            Stop::Effect(effect) => write!(out, "{effect}"),
+        }
+    }
+}
+
 impl Stop {
     /// From a word of the command line: `0.3mm`, `5` (rungs) or an effect.
     ///

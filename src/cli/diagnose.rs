@@ -1,10 +1,11 @@
 //! `misfit diagnose`.
 
-use super::{Outcome, print, print_json, progress};
+use super::{Outcome, print, print_json, progress, report as pages};
 use crate::campaign::Campaign;
 use crate::diagnosis::{self, Diagnosis};
 use crate::fit::Options;
 use crate::report::format::WIDTH;
+use crate::report::html::{Origin, Results};
 use crate::{model_file, report};
 use std::path::PathBuf;
 
@@ -29,6 +30,9 @@ pub struct Arguments {
     /// Write the model with what is missing, for --model.
     #[arg(short = 'o', long, value_name = "M.toml")]
     save_model: Option<PathBuf>,
+    /// Write the result as one HTML page too, with pictures.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -58,47 +62,61 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     let say = |text: &str| spinner.set_message(text.to_owned());
     let found = diagnosis::diagnose(&campaign, &model, &own, &options, say)?;
-    // a plan that cannot be made is no reason to keep the verdict back
-    let next = diagnosis::next_poses(&campaign, &found, diagnosis::POSES)
-        .ok()
-        .flatten();
-    spinner.finish_and_clear();
+    let next = pages::next_poses(&campaign, &found);
     if let Some(file) = &arguments.save_model {
         model_file::write(file, &found.fit.model)?;
     }
+    let path = arguments.campaign.display();
+    let of_model = arguments.model.as_ref();
+    let of_model = of_model.map(|model| format!(" --model {}", model.display()));
+    let given = of_model.as_deref().unwrap_or("");
+    let of_candidates = arguments.candidates.as_ref();
+    let of_candidates = of_candidates.map(|file| format!(" --candidates {}", file.display()));
+    let tried = of_candidates.as_deref().unwrap_or("");
+    let is_own = |id: &str| own.iter().any(|effect| effect.id() == id);
+    let add = match (
+        found.named.first().map(String::as_str),
+        &arguments.save_model,
+    ) {
+        (Some(_), Some(file)) => Some(format!("misfit fit {path} --model {}", file.display())),
+        // what it was found with are options (cycles of waves, a knee, a law of the user's own): a file holds them
+        (Some(id), None) if has_options(&found, id) || is_own(id) => Some(format!(
+            "misfit diagnose {path}{given}{tried} -o model.toml"
+        )),
+        (Some(effect), None) => Some(format!("misfit fit {path}{given} --effects +{effect}")),
+        (None, _) => None,
+    };
+    let apart = found
+        .alike
+        .first()
+        .map(|(a, b)| format!("misfit plan {path} --separate {},{}", a.id(), b.id()));
+    // a ladder starts from the frames, whatever the model
+    let ladder = of_model
+        .is_none()
+        .then(|| format!("misfit ladder {path}{tried}"));
+    let commands: Vec<String> = add.into_iter().chain(apart).chain(ladder).collect();
+    if let Some(file) = &arguments.report {
+        let effects = arguments.effects.as_ref();
+        let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
+        let origin = Origin {
+            command: format!("misfit diagnose {path}{given}{effects}{tried}"),
+            next: commands.clone(),
+            seed: None,
+        };
+        let results = Results::Diagnosis {
+            diagnosis: &found,
+            next: next.as_ref(),
+        };
+        pages::write(file, &campaign, &results, &origin)?;
+    }
+    spinner.finish_and_clear();
     if arguments.json {
         print_json(&report::diagnosis::document(&found, next.as_ref()))?;
     } else {
-        let path = arguments.campaign.display();
-        let of_model = arguments.model.as_ref();
-        let of_model = of_model.map(|model| format!(" --model {}", model.display()));
-        let given = of_model.as_deref().unwrap_or("");
-        let of_candidates = arguments.candidates.as_ref();
-        let of_candidates = of_candidates.map(|file| format!(" --candidates {}", file.display()));
-        let tried = of_candidates.as_deref().unwrap_or("");
-        let is_own = |id: &str| own.iter().any(|effect| effect.id() == id);
-        let add = match (
-            found.named.first().map(String::as_str),
-            &arguments.save_model,
-        ) {
-            (Some(_), Some(file)) => Some(format!("misfit fit {path} --model {}", file.display())),
-            // what it was found with are options (cycles of waves, a knee, a law of the user's own): a file holds them
-            (Some(id), None) if has_options(&found, id) || is_own(id) => Some(format!(
-                "misfit diagnose {path}{given}{tried} -o model.toml"
-            )),
-            (Some(effect), None) => Some(format!("misfit fit {path}{given} --effects +{effect}")),
-            (None, _) => None,
-        };
-        let apart = found
-            .alike
-            .first()
-            .map(|(a, b)| format!("misfit plan {path} --separate {},{}", a.id(), b.id()));
-        // a ladder starts from the frames, whatever the model
-        let ladder = of_model
-            .is_none()
-            .then(|| format!("misfit ladder {path}{tried}"));
-        let commands: Vec<String> = add.into_iter().chain(apart).chain(ladder).collect();
         let mut text = report::diagnosis::text(&campaign, &found, next.as_ref());
+        if let Some(file) = &arguments.report {
+            text += &format!("\n{}\n", pages::line(file));
+        }
         if !commands.is_empty() {
             let side = commands.join("     or     ");
             // commands stay whole where they do not fit beside each other

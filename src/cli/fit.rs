@@ -1,11 +1,12 @@
 //! `misfit fit`.
 
-use super::{Outcome, print, print_json, progress, usage};
+use super::{Outcome, print, print_json, progress, report as pages, usage};
 use crate::campaign::Campaign;
 use crate::fit::{self, Options};
 use crate::model_file;
 use crate::report;
 use crate::report::fit::Detail;
+use crate::report::html::{Origin, Results};
 use std::path::PathBuf;
 
 /// Identify a model's parameters from a campaign: values, intervals, errors, and what cannot be seen.
@@ -27,6 +28,9 @@ pub struct Arguments {
     /// How to estimate: weighted nonlinear least squares, or the paper's unweighted linear estimator.
     #[arg(long, value_enum, default_value_t = Method::Weighted)]
     method: Method,
+    /// Write the result as one HTML page too, with pictures.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -69,27 +73,39 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         None
     };
     let found = fit::fit(&campaign, &model, &options, say)?;
+    let path = arguments.campaign.display();
+    let of_model = arguments.model.as_ref();
+    let of_model =
+        of_model.map_or_else(String::new, |model| format!(" --model {}", model.display()));
+    let next = format!("misfit diagnose {path}{of_model}");
+    if let Some(file) = &arguments.report {
+        let effects = arguments.effects.as_ref();
+        let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
+        let origin = Origin {
+            command: format!("misfit fit {path}{of_model}{effects}"),
+            next: vec![next.clone()],
+            seed: None,
+        };
+        let results = Results::Fit {
+            fit: &found,
+            baseline: baseline.as_ref(),
+        };
+        pages::write(file, &campaign, &results, &origin)?;
+    }
     spinner.finish_and_clear();
     if arguments.json {
         print_json(&report::json::fit(&found, baseline.as_ref()))?;
     } else {
-        let text = report::fit::text(
-            &campaign,
-            &found,
-            baseline.as_ref(),
-            if arguments.all {
-                Detail::Everything
-            } else {
-                Detail::Usual
-            },
-        );
-        let model = arguments.model.as_ref();
-        let model = model.map_or_else(String::new, |model| format!(" --model {}", model.display()));
-        let next = format!(
-            "next     misfit diagnose {}{model}\n",
-            arguments.campaign.display()
-        );
-        print(&(text + &next))?;
+        let detail = if arguments.all {
+            Detail::Everything
+        } else {
+            Detail::Usual
+        };
+        let mut text = report::fit::text(&campaign, &found, baseline.as_ref(), detail);
+        if let Some(file) = &arguments.report {
+            text += &format!("{}\n", pages::line(file));
+        }
+        print(&format!("{text}next     {next}\n"))?;
     }
     Ok(if found.converged {
         Outcome::Done
@@ -100,9 +116,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 
 /// The paper's own estimator.
 fn paper(arguments: &Arguments, campaign: &Campaign) -> anyhow::Result<Outcome> {
-    if arguments.effects.is_some() || arguments.model.is_some() {
+    if arguments.effects.is_some() || arguments.model.is_some() || arguments.report.is_some() {
         return Err(usage(
-            "--method paper estimates joint compliance alone; leave --effects and --model out",
+            "--method paper estimates joint compliance alone; leave --effects, --model and --report out",
         ));
     }
     let found = fit::paper::fit(campaign)?;

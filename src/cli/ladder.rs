@@ -1,9 +1,10 @@
 //! `misfit ladder`.
 
-use super::{Outcome, print, print_json, progress};
+use super::{Outcome, print, print_json, progress, report as pages};
 use crate::campaign::Campaign;
 use crate::fit::Options;
 use crate::ladder::{self, Stop};
+use crate::report::html::{Origin, Results};
 use crate::{model_file, report};
 use std::path::PathBuf;
 
@@ -30,6 +31,9 @@ pub struct Arguments {
     /// Write the model of the last rung, for --model.
     #[arg(short = 'o', long, value_name = "M.toml")]
     save_model: Option<PathBuf>,
+    /// Write the result as one HTML page too, with pictures.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -64,23 +68,39 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(file) = &arguments.save_model {
         model_file::write(file, &found.last.fit.model)?;
     }
+    let path = arguments.campaign.display();
+    let effects = arguments.effects.as_ref();
+    let effects = effects.map(|list| format!(" --effects {list}"));
+    let own = arguments.candidates.as_ref();
+    let own = own.map(|file| format!(" --candidates {}", file.display()));
+    let given = effects.unwrap_or_default() + &own.unwrap_or_default();
+    let next = match &arguments.save_model {
+        Some(file) => format!("misfit fit {path} --model {}", file.display()),
+        None => format!("misfit ladder {path}{given} -o model.toml"),
+    };
+    if let Some(file) = &arguments.report {
+        let poses = pages::next_poses(&campaign, &found.last);
+        let stop = arguments.stop_at.as_ref();
+        let stop = stop.map_or_else(String::new, |stop| format!(" --stop-at {stop}"));
+        let origin = Origin {
+            command: format!("misfit ladder {path}{given}{stop}"),
+            next: pages::after_ladder(&path.to_string(), &given, &found.last),
+            seed: None,
+        };
+        let results = Results::Ladder {
+            ladder: &found,
+            next: poses.as_ref(),
+        };
+        pages::write(file, &campaign, &results, &origin)?;
+    }
     spinner.finish_and_clear();
     if arguments.json {
         print_json(&report::ladder::document(&found))?;
     } else {
-        let path = arguments.campaign.display();
-        let next = match &arguments.save_model {
-            Some(file) => format!("misfit fit {path} --model {}", file.display()),
-            None => {
-                let effects = arguments.effects.as_ref();
-                let effects = effects.map(|list| format!(" --effects {list}"));
-                let own = arguments.candidates.as_ref();
-                let own = own.map(|file| format!(" --candidates {}", file.display()));
-                let given = effects.unwrap_or_default() + &own.unwrap_or_default();
-                format!("misfit ladder {path}{given} -o model.toml")
-            }
-        };
-        let text = report::ladder::text(&campaign, &found);
+        let mut text = report::ladder::text(&campaign, &found);
+        if let Some(file) = &arguments.report {
+            text += &format!("\n{}\n", pages::line(file));
+        }
         print(&format!("{text}\nnext     {next}\n"))?;
     }
     Ok(if found.last.fit.converged {

@@ -11,6 +11,7 @@ mod map;
 mod pictures;
 mod plan;
 mod progress;
+mod report;
 mod run;
 mod simulate;
 mod sweep;
@@ -39,6 +40,7 @@ enum Command {
     Fit(fit::Arguments),
     Diagnose(diagnose::Arguments),
     Ladder(ladder::Arguments),
+    Report(report::Arguments),
     Plan(plan::Arguments),
     Compensate(compensate::Arguments),
     Map(map::Arguments),
@@ -66,6 +68,7 @@ pub fn main() -> ExitCode {
         Command::Fit(arguments) => fit::run(&arguments),
         Command::Diagnose(arguments) => diagnose::run(&arguments),
         Command::Ladder(arguments) => ladder::run(&arguments),
+        Command::Report(arguments) => report::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Compensate(arguments) => compensate::run(&arguments),
         Command::Map(arguments) => map::run(&arguments),

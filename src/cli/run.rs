@@ -1,9 +1,10 @@
 //! `misfit run`.
 
-use super::{Outcome, print, print_json, progress, simulate};
+use super::{Outcome, print, print_json, progress, report as pages, simulate};
 use crate::fit::{self, Options};
 use crate::model_file;
 use crate::report;
+use crate::report::html::{Origin, Results};
 use crate::report::run::{Instead, RunDocument};
 use crate::scenario::compensated::{self, Compensate};
 use crate::scenario::control_loop::{self, ControlLoop, Looped};
@@ -24,6 +25,9 @@ pub struct Arguments {
     /// Folder to keep the recording, the truth and the result in.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
+    /// Write the fit as one HTML page too, with pictures.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -52,6 +56,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         .map(|n| n as usize)
         .or(scenario.campaigns);
     let folder = arguments.output.as_deref();
+    let fits_once = campaigns.is_none()
+        && scenario.compensate.is_none()
+        && scenario.control_loop.is_none()
+        && scenario.map.is_none()
+        && scenario.drill.is_none();
+    if arguments.report.is_some() && !fits_once {
+        anyhow::bail!(
+            "{}: fits no campaign of its own; --report goes with scenarios that do nothing but simulate and fit one",
+            scenario.file
+        );
+    }
     let (document, text) = if let Some(campaigns) = campaigns {
         study(&scenario, campaigns)?
     } else if let Some(wanted) = &scenario.compensate {
@@ -121,6 +136,26 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
     let baseline = fit::fit(&campaign, &frames, &options, say)?;
     let found = fit::fit(&campaign, &model, &options, say)?;
     spinner.finish_and_clear();
+    if let Some(file) = &arguments.report {
+        let path = arguments.scenario.display();
+        let seed = arguments
+            .seed
+            .map_or_else(String::new, |seed| format!(" --seed {seed}"));
+        let recording = format!("{}.mcap", scenario.name);
+        let origin = Origin {
+            command: format!("misfit run {path}{seed}"),
+            next: vec![
+                format!("misfit simulate {path}{seed} -o {recording}"),
+                format!("misfit report {recording}"),
+            ],
+            seed: Some(scenario.seed),
+        };
+        let results = Results::Fit {
+            fit: &found,
+            baseline: Some(&baseline),
+        };
+        pages::write(file, &campaign, &results, &origin)?;
+    }
     let compared = compare(scenario, &found);
     let checks = check_fit(&scenario.expect, &found, &compared);
     let by_paper = match scenario.compare_paper {

@@ -1,12 +1,12 @@
 //! From a figure to the text of an SVG file.
 
-use super::{Content, Figure, Map, Panel, PlotError, Series};
+use super::{Cloud, Content, Dots, Figure, Map, Panel, PlotError, Series, levels};
 use plotters::chart::{ChartBuilder, ChartContext, SeriesLabelPosition};
 use plotters::coord::Shift;
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::coord::types::RangedCoordf64;
 use plotters::drawing::{DrawingArea, IntoDrawingArea};
-use plotters::element::{PathElement, Rectangle};
+use plotters::element::{Circle, PathElement, Rectangle};
 use plotters::prelude::SVGBackend;
 use plotters::series::{DashedLineSeries, LineSeries};
 use plotters::style::colors::colormaps::ViridisRGB;
@@ -14,11 +14,11 @@ use plotters::style::colors::{BLACK, WHITE};
 use plotters::style::{Color, IntoFont, RGBColor, ShapeStyle, TextStyle};
 use std::ops::Range;
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
 /// Okabe and Ito's colours that are dark enough on white.
-const COLOURS: [RGBColor; 7] = [
+pub(super) const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -27,18 +27,18 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(230, 159, 0),
     RGBColor(0, 0, 0),
 ];
-const GREY: RGBColor = RGBColor(90, 90, 90);
+pub(super) const GREY: RGBColor = RGBColor(90, 90, 90);
 const TITLE: u32 = 17;
-const LABEL: u32 = 13;
+pub(super) const LABEL: u32 = 13;
 /// Room for the numbers beside a vertical axis, below a horizontal one, and for a panel's title, px.
 const LEFT: u32 = 62;
-const BELOW: u32 = 42;
-const ABOVE: u32 = 26;
-const MARGIN: u32 = 8;
+pub(super) const BELOW: u32 = 42;
+pub(super) const ABOVE: u32 = 26;
+pub(super) const MARGIN: u32 = 8;
 /// Room for the scale of a map, px.
 const SCALE: u32 = 78;
 
-fn failed(error: impl std::fmt::Display) -> PlotError {
+pub(super) fn failed(error: impl std::fmt::Display) -> PlotError {
     PlotError(error.to_string())
 }
 
@@ -74,6 +74,13 @@ fn panel(panel: &Panel, area: &Area<'_>) -> Result<(), PlotError> {
         Content::Curves(series) => curves(panel, series, area),
         Content::Bars { labels, series } => bars(panel, labels, series, area),
         Content::Map(map) => self::map(panel, map, area),
+        Content::Scatter {
+            dots,
+            lines,
+            heights,
+        } => scatter(panel, (dots, lines), *heights, area),
+        Content::Cloud(cloud) => self::cloud(panel, cloud, area),
+        Content::Levels(found) => levels::draw(panel, found, area),
     }
 }
 
@@ -200,6 +207,16 @@ fn curves(panel: &Panel, all: &[Series], area: &Area<'_>) -> Result<(), PlotErro
     let spans = (x.end - x.start, y.end - y.start);
     let mut chart = axes(panel, area, (x, y), 0)?;
     mesh(&mut chart, panel, spans, None)?;
+    lines(&mut chart, all)?;
+    match named {
+        true => legend(&mut chart),
+        false => Ok(()),
+    }
+}
+
+/// Lines, each broken where it is not finite.
+fn lines(chart: &mut Chart<'_, '_>, all: &[Series]) -> Result<(), PlotError> {
+    let finite = |p: &(f64, f64)| p.0.is_finite() && p.1.is_finite();
     for series in all {
         let style = ShapeStyle::from(COLOURS[series.colour % COLOURS.len()]).stroke_width(2);
         let mut labelled = false;
@@ -222,6 +239,44 @@ fn curves(panel: &Panel, all: &[Series], area: &Area<'_>) -> Result<(), PlotErro
             }
         }
     }
+    Ok(())
+}
+
+/// Radius of a point, px.
+const DOT: i32 = 3;
+
+fn scatter(
+    panel: &Panel,
+    (dots, through): (&[Dots], &[Series]),
+    heights: Option<(f64, f64)>,
+    area: &Area<'_>,
+) -> Result<(), PlotError> {
+    let finite = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite();
+    let points = || {
+        let dots = dots.iter().flat_map(|dots| &dots.points);
+        let lines = through.iter().flat_map(|series| &series.points);
+        dots.chain(lines).filter(finite)
+    };
+    let mut names = dots.iter().map(|dots| &dots.name);
+    let named = names.any(|name| !name.is_empty()) || through.iter().any(|s| !s.name.is_empty());
+    let x = range(points().map(|p| p.0), false)?;
+    let held = heights.into_iter().flat_map(|(least, most)| [least, most]);
+    let y = range(points().map(|p| p.1).chain(held), false)?;
+    let y = under_legend(y, named);
+    let spans = (x.end - x.start, y.end - y.start);
+    let mut chart = axes(panel, area, (x, y), 0)?;
+    mesh(&mut chart, panel, spans, None)?;
+    for dots in dots {
+        let style = COLOURS[dots.colour % COLOURS.len()].mix(0.55).filled();
+        let points = dots.points.iter().filter(finite).copied();
+        let drawn = chart.draw_series(points.map(|at| Circle::new(at, DOT, style)));
+        let drawn = drawn.map_err(failed)?;
+        if !dots.name.is_empty() {
+            let mark = move |(x, y)| Circle::new((x + 9, y), DOT, style);
+            drawn.label(&dots.name).legend(mark);
+        }
+    }
+    lines(&mut chart, through)?;
     match named {
         true => legend(&mut chart),
         false => Ok(()),
@@ -271,8 +326,44 @@ fn half(centres: &[f64]) -> f64 {
     }
 }
 
-fn map(panel: &Panel, map: &Map, area: &Area<'_>) -> Result<(), PlotError> {
+/// One scale for both axes beside a bar of colours: the shorter one is given more room.
+fn alike((x, y): (&mut Range<f64>, &mut Range<f64>), area: &Area<'_>) {
     let (width, height) = area.dim_in_pixel();
+    let inside = (
+        f64::from(width.saturating_sub(LEFT + SCALE + 2 * MARGIN)),
+        f64::from(height.saturating_sub(BELOW + ABOVE + 2 * MARGIN)),
+    );
+    let scale = ((x.end - x.start) / inside.0).max((y.end - y.start) / inside.1);
+    for (range, pixels) in [(x, inside.0), (y, inside.1)] {
+        let more = (scale * pixels - (range.end - range.start)) / 2.0;
+        *range = range.start - more..range.end + more;
+    }
+}
+
+fn cloud(panel: &Panel, cloud: &Cloud, area: &Area<'_>) -> Result<(), PlotError> {
+    let finite = |p: &&(f64, f64, f64)| p.0.is_finite() && p.1.is_finite() && p.2.is_finite();
+    let points = || cloud.points.iter().filter(finite);
+    let mut x = range(points().map(|p| p.0), false)?;
+    let mut y = range(points().map(|p| p.1), false)?;
+    alike((&mut x, &mut y), area);
+    let top = if cloud.top > 0.0 { cloud.top } else { 1.0 };
+    let spans = (x.end - x.start, y.end - y.start);
+    let mut chart = axes(panel, area, (x, y), SCALE)?;
+    mesh(&mut chart, panel, spans, None)?;
+    let colour = |value: f64| {
+        let (r, g, b) = viridis((value / top).min(1.0));
+        RGBColor(r, g, b)
+    };
+    // both ends of the colours are hard to see on one of the papers: each point has a rim
+    let rim = GREY.stroke_width(1);
+    let discs = points().map(|p| Circle::new((p.0, p.1), DOT + 2, colour(p.2).filled()));
+    chart.draw_series(discs).map_err(failed)?;
+    let rims = points().map(|p| Circle::new((p.0, p.1), DOT + 2, rim));
+    chart.draw_series(rims).map_err(failed)?;
+    colour_scale(&cloud.unit, area, top, colour)
+}
+
+fn map(panel: &Panel, map: &Map, area: &Area<'_>) -> Result<(), PlotError> {
     let (half_x, half_y) = (half(&map.x), half(&map.y));
     let extent = |centres: &[f64], half: f64| -> Result<Range<f64>, PlotError> {
         match centres {
@@ -282,16 +373,7 @@ fn map(panel: &Panel, map: &Map, area: &Area<'_>) -> Result<(), PlotError> {
         }
     };
     let (mut x, mut y) = (extent(&map.x, half_x)?, extent(&map.y, half_y)?);
-    // one scale for both axes: the shorter one is given more room
-    let inside = (
-        f64::from(width.saturating_sub(LEFT + SCALE + 2 * MARGIN)),
-        f64::from(height.saturating_sub(BELOW + ABOVE + 2 * MARGIN)),
-    );
-    let scale = ((x.end - x.start) / inside.0).max((y.end - y.start) / inside.1);
-    for (range, pixels) in [(&mut x, inside.0), (&mut y, inside.1)] {
-        let more = (scale * pixels - (range.end - range.start)) / 2.0;
-        *range = range.start - more..range.end + more;
-    }
+    alike((&mut x, &mut y), area);
     let shown = map.values.iter().copied().flatten();
     let most = shown.clone().fold(f64::NEG_INFINITY, f64::max);
     if !most.is_finite() {
@@ -313,7 +395,7 @@ fn map(panel: &Panel, map: &Map, area: &Area<'_>) -> Result<(), PlotError> {
         value.map(|value| Rectangle::new(corners, colour(value).filled()))
     });
     chart.draw_series(cells).map_err(failed)?;
-    colour_scale(map, area, top, colour)
+    colour_scale(&map.unit, area, top, colour)
 }
 
 /// Viridis at a share from 0 to 1.
@@ -324,7 +406,7 @@ pub(super) fn viridis(share: f64) -> (u8, u8, u8) {
 
 /// The bar that says which colour is which value.
 fn colour_scale(
-    map: &Map,
+    unit: &str,
     area: &Area<'_>,
     top: f64,
     colour: impl Fn(f64) -> RGBColor,
@@ -352,6 +434,6 @@ fn colour_scale(
         area.draw_text(&text, &style, (left + 19, at(share) - 6))
             .map_err(failed)?;
     }
-    area.draw_text(&map.unit, &style, (left, high - 20))
+    area.draw_text(unit, &style, (left, high - 20))
         .map_err(failed)
 }

@@ -1,10 +1,11 @@
-//! Pictures: curves, bars and maps in panels, as SVG and PNG. No robot in it.
+//! Pictures: curves, bars, maps, points and levels in panels, as SVG and PNG. No robot in it.
 //!
 //! Drawn once, by plotters, as SVG; the PNG is that SVG rendered by resvg with an embedded font, so both show the same and
 //! no machine needs a font. Colours are told apart by people who confuse red and green: the eight of Okabe and Ito (2008,
 //! *Color Universal Design*) for lines, viridis for maps.
 
 mod draw;
+mod levels;
 
 /// A picture of one or more panels.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,6 +47,19 @@ pub enum Content {
     },
     /// A value at each point of a grid, by colour; both axes have one scale.
     Map(Map),
+    /// Points, and lines over them.
+    Scatter {
+        /// Below the lines, each kind with its name in the legend.
+        dots: Vec<Dots>,
+        /// Above them.
+        lines: Vec<Series>,
+        /// Least and greatest of the vertical axis, where several pictures have one scale; else what is shown.
+        heights: Option<(f64, f64)>,
+    },
+    /// Points with a value each, by colour; both axes have one scale.
+    Cloud(Cloud),
+    /// Sizes, a row each, on a logarithmic axis.
+    Levels(Levels),
 }
 
 /// A line.
@@ -59,6 +73,39 @@ pub struct Series {
     pub colour: usize,
     /// Dashed?
     pub dashed: bool,
+}
+
+/// Points of one kind.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dots {
+    /// In the legend.
+    pub name: String,
+    /// Those that are not finite are left out.
+    pub points: Vec<(f64, f64)>,
+    /// Index of their colour.
+    pub colour: usize,
+}
+
+/// Points with values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cloud {
+    /// Places and values from zero on.
+    pub points: Vec<(f64, f64, f64)>,
+    /// Value of the last colour; greater ones have it too.
+    pub top: f64,
+    /// Quantity and unit of the values.
+    pub unit: String,
+}
+
+/// Rows of sizes that fall by orders of magnitude.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Levels {
+    /// Names of the rows, downwards.
+    pub rows: Vec<String>,
+    /// Names and sizes: one a row, none where there is none. The first is drawn as discs, the others as rings.
+    pub series: Vec<(String, Vec<Option<f64>>)>,
+    /// A size to compare with, and its name.
+    pub reference: Option<(String, f64)>,
 }
 
 /// Values on a grid.

@@ -228,7 +228,7 @@ fn parameter_tables(fit: &Fit, all: bool) -> String {
 }
 
 /// Stiffness and its interval; a compliance that may be zero has no upper end.
-fn stiffness(c: f64, half: Option<f64>, unit: &str) -> (String, String) {
+pub(super) fn stiffness(c: f64, half: Option<f64>, unit: &str) -> (String, String) {
     let unit = match unit {
         "m/N" => "N/m",
         _ => "N·m/rad",

@@ -118,7 +118,7 @@ fn without(ladder: &Ladder) -> String {
 }
 
 /// Why there is no further rung.
-fn stopped_because(ladder: &Ladder) -> String {
+pub(super) fn stopped_because(ladder: &Ladder) -> String {
     let last = &ladder.last;
     if last.stopped {
         return "where it was told to; tests still alarm".to_owned();

@@ -8,6 +8,7 @@ pub mod drill;
 pub mod export;
 pub mod fit;
 pub mod format;
+pub mod html;
 pub mod json;
 pub mod ladder;
 pub mod map;

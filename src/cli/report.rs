@@ -1,0 +1,130 @@
+//! `misfit report`, and `--report` of the commands that have a result to show.
+
+use super::{Outcome, print, progress};
+use crate::campaign::{Campaign, write_atomically};
+use crate::diagnosis::{self, Diagnosis};
+use crate::fit::Options;
+use crate::ladder;
+use crate::model_file;
+use crate::plan::Separation;
+use crate::report::diagnosis::words_of_verdict;
+use crate::report::format::{count, wrap};
+use crate::report::html::{Origin, Results, page};
+use anyhow::Context;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Put a campaign on one page: verdict, falling error, what carries it, where, parameters, what to do next.
+///
+/// Climbs the ladder and draws it: one HTML file that needs nothing else, no network and no script.
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  misfit report cell3.toml                              writes report.html
+  misfit report cell3.toml -o cell3.html
+  misfit report cell3.toml --effects +backlash          go on from the default and backlash
+  misfit fit cell3.toml --report fit.html               the page of one fit; also diagnose, ladder, run")]
+pub struct Arguments {
+    /// Campaign: a .toml file with its table, or a .mcap recording.
+    campaign: PathBuf,
+    /// Effects to go on from, comma-separated; a leading + adds to the default.
+    #[arg(long, value_name = "A,B,…", allow_hyphen_values = true)]
+    effects: Option<String>,
+    /// Model file whose [[effect]] tables are tried beside the catalogue: laws of your own.
+    #[arg(long, value_name = "M.toml")]
+    candidates: Option<PathBuf>,
+    /// Where to write the page.
+    #[arg(short, long, value_name = "FILE.html", default_value = "report.html")]
+    output: PathBuf,
+    /// Skip the cross-validation of campaigns without held-out readings.
+    #[arg(long)]
+    no_cross_validation: bool,
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let spinner = progress::spinner();
+    let campaign = Campaign::load(&arguments.campaign)?;
+    let options = Options {
+        cross_validate: !arguments.no_cross_validation,
+    };
+    let own = match &arguments.candidates {
+        Some(file) => model_file::candidates(&campaign, file)?,
+        None => Vec::new(),
+    };
+    let effects = arguments.effects.as_deref();
+    let say = |text: &str| spinner.set_message(text.to_owned());
+    let ladder = ladder::climb(&campaign, effects, &own, None, &options, say)?;
+    let next = next_poses(&campaign, &ladder.last);
+    let path = arguments.campaign.display();
+    let effects = effects.map(|list| format!(" --effects {list}"));
+    let own = arguments.candidates.as_ref();
+    let own = own.map(|file| format!(" --candidates {}", file.display()));
+    let given = effects.unwrap_or_default() + &own.unwrap_or_default();
+    let quick = if arguments.no_cross_validation {
+        " --no-cross-validation"
+    } else {
+        ""
+    };
+    let origin = Origin {
+        command: format!("misfit report {path}{given}{quick}"),
+        next: after_ladder(&path.to_string(), &given, &ladder.last),
+        seed: None,
+    };
+    let results = Results::Ladder {
+        ladder: &ladder,
+        next: next.as_ref(),
+    };
+    write(&arguments.output, &campaign, &results, &origin)?;
+    spinner.finish_and_clear();
+    let title = format!(
+        "{} · robot {} · {} fitted",
+        campaign.name,
+        campaign.robot.name,
+        count(ladder.last.fit.readings.0, "reading")
+    );
+    print(&format!(
+        "{}\n{}\n\n{}\nnext     {}\n",
+        wrap(&title, 9),
+        wrap(&words_of_verdict(&ladder.last), 9),
+        line(&arguments.output),
+        origin.next.join("\n         ")
+    ))?;
+    Ok(if ladder.last.fit.converged {
+        Outcome::Done
+    } else {
+        Outcome::Missed
+    })
+}
+
+/// The poses that would settle an alias; a plan that cannot be made is no reason to keep the verdict back.
+pub(super) fn next_poses(campaign: &Campaign, diagnosis: &Diagnosis) -> Option<Separation> {
+    diagnosis::next_poses(campaign, diagnosis, diagnosis::POSES)
+        .ok()
+        .flatten()
+}
+
+/// Commands to go on with after a ladder: keep its model; measure what it cannot tell.
+pub(super) fn after_ladder(path: &str, given: &str, last: &Diagnosis) -> Vec<String> {
+    let plan = match last.alike.first() {
+        Some((a, b)) => format!("misfit plan {path} --separate {},{}", a.id(), b.id()),
+        None => format!("misfit plan {path}"),
+    };
+    vec![format!("misfit ladder {path}{given} -o model.toml"), plan]
+}
+
+/// Writes the page; an old file stays whole if it cannot be.
+pub(super) fn write(
+    path: &Path,
+    campaign: &Campaign,
+    results: &Results<'_>,
+    origin: &Origin,
+) -> anyhow::Result<()> {
+    let text = page(campaign, results, origin)?;
+    write_atomically(path, |file| file.write_all(text.as_bytes()))
+        .with_context(|| format!("{}: cannot be written", path.display()))
+}
+
+/// Says where it is.
+pub(super) fn line(path: &Path) -> String {
+    format!("report   {}", path.display())
+}

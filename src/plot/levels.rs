@@ -1,0 +1,136 @@
+//! Sizes that fall by orders of magnitude: a row each, on a logarithmic axis.
+
+use super::draw::{ABOVE, Area, BELOW, COLOURS, GREY, LABEL, MARGIN, failed};
+use super::{Levels, Panel, PlotError};
+use plotters::element::{Circle, PathElement};
+use plotters::style::colors::BLACK;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{Color, IntoFont, TextStyle};
+
+/// Width of a letter, about, px: no font is asked.
+const LETTER: f64 = 7.2;
+/// Room for the legend above the rows, px.
+const LEGEND: i32 = 26;
+/// Radius of a mark, px.
+const MARK: i32 = 5;
+
+pub(super) fn draw(panel: &Panel, levels: &Levels, area: &Area<'_>) -> Result<(), PlotError> {
+    let sizes = || {
+        let all = levels.series.iter().flat_map(|(_, sizes)| sizes).flatten();
+        let all = all.chain(levels.reference.iter().map(|(_, size)| size));
+        all.copied().filter(|size| size.is_finite() && *size > 0.0)
+    };
+    let (least, most) = sizes().fold((f64::INFINITY, 0f64), |(a, b), x| (a.min(x), b.max(x)));
+    if !(least <= most) {
+        return Err(failed("a panel has no number to show"));
+    }
+    let (width, height) = area.dim_in_pixel();
+    let (width, height) = (width as i32, height as i32);
+    let longest = levels.rows.iter().map(|row| row.chars().count()).max();
+    let left = MARGIN as i32 + 8 + (LETTER * longest.unwrap_or(0) as f64) as i32;
+    let right = width - 2 * MARGIN as i32;
+    let left = left.min(right / 2);
+    let high = (ABOVE + MARGIN) as i32 + LEGEND;
+    let low = height - (BELOW + MARGIN) as i32;
+    // an eighth of a decade beside the outermost
+    let (from, to) = (least.log10() - 0.125, most.log10() + 0.125);
+    let x = |size: f64| {
+        let share = (size.log10() - from) / (to - from);
+        left + (share * f64::from(right - left)).round() as i32
+    };
+    let step = f64::from(low - high) / levels.rows.len().max(1) as f64;
+    let y = |row: usize| high + (step * (row as f64 + 0.5)).round() as i32;
+    let font = || TextStyle::from(("sans-serif", LABEL).into_font());
+    let at = |h: HPos, v: VPos| font().pos(Pos::new(h, v));
+    let say = |text: &str, style: &TextStyle<'_>, place| {
+        area.draw_text(text, style, place).map_err(failed)
+    };
+    let line = |from, to, style| {
+        let path = PathElement::new(vec![from, to], style);
+        area.draw(&path).map_err(failed)
+    };
+    let title = TextStyle::from(("sans-serif", LABEL + 2).into_font());
+    let middle = title.pos(Pos::new(HPos::Center, VPos::Top));
+    say(&panel.title, &middle, (width / 2, MARGIN as i32))?;
+    let grid = BLACK.mix(0.12).stroke_width(1);
+    for (size, text) in ticks(from, to) {
+        line((x(size), high), (x(size), low), grid)?;
+        say(&text, &at(HPos::Center, VPos::Top), (x(size), low + 5))?;
+    }
+    line((left, low), (right, low), GREY.stroke_width(1))?;
+    let below = (left + right) / 2;
+    say(&panel.x, &at(HPos::Center, VPos::Top), (below, low + 23))?;
+    for (row, name) in levels.rows.iter().enumerate() {
+        say(name, &at(HPos::Right, VPos::Center), (left - 8, y(row)))?;
+        line(
+            (left, y(row)),
+            (right, y(row)),
+            BLACK.mix(0.06).stroke_width(1),
+        )?;
+    }
+    if let Some((_, size)) = levels.reference.as_ref().filter(|(_, size)| *size > 0.0) {
+        let style = COLOURS[2].stroke_width(2);
+        for part in (high..low).step_by(8) {
+            line((x(*size), part), (x(*size), (part + 5).min(low)), style)?;
+        }
+    }
+    for (index, (_, sizes)) in levels.series.iter().enumerate() {
+        let colour = COLOURS[index % COLOURS.len()];
+        let found = sizes.iter().enumerate();
+        let found = found.filter_map(|(row, size)| Some((row, (*size)?)));
+        let places: Vec<(i32, i32)> = found
+            .filter(|(_, size)| size.is_finite() && *size > 0.0)
+            .map(|(row, size)| (x(size), y(row)))
+            .collect();
+        let path = PathElement::new(places.clone(), colour.mix(0.4).stroke_width(1));
+        area.draw(&path).map_err(failed)?;
+        for place in places {
+            mark(area, place, index)?;
+        }
+    }
+    let mut next = left;
+    let row = (ABOVE + MARGIN) as i32 + 6;
+    let style = at(HPos::Left, VPos::Center);
+    for (index, (name, _)) in levels.series.iter().enumerate() {
+        mark(area, (next + MARK, row), index)?;
+        say(name, &style, (next + 3 * MARK, row))?;
+        next += 5 * MARK + (LETTER * name.chars().count() as f64) as i32;
+    }
+    if let Some((name, _)) = &levels.reference {
+        let style_of_line = COLOURS[2].stroke_width(2);
+        line((next, row), (next + 7, row), style_of_line)?;
+        line((next + 11, row), (next + 18, row), style_of_line)?;
+        say(name, &style, (next + 24, row))?;
+    }
+    Ok(())
+}
+
+/// Told apart by shape too: the first a disc, the others rings.
+fn mark(area: &Area<'_>, place: (i32, i32), index: usize) -> Result<(), PlotError> {
+    let colour = COLOURS[index % COLOURS.len()];
+    let style = match index {
+        0 => colour.filled(),
+        _ => colour.stroke_width(2),
+    };
+    area.draw(&Circle::new(place, MARK, style)).map_err(failed)
+}
+
+/// Round numbers from `10^from` to `10^to`: 1, 2 and 5 of each decade, 1 alone where there are many.
+fn ticks(from: f64, to: f64) -> Vec<(f64, String)> {
+    let steps: &[f64] = match to - from {
+        span if span > 3.2 => &[1.0],
+        span if span > 2.0 => &[1.0, 3.0],
+        _ => &[1.0, 2.0, 5.0],
+    };
+    let mut found = Vec::new();
+    for decade in from.floor() as i32..=to.floor() as i32 {
+        for step in steps {
+            let size = step * 10f64.powi(decade);
+            if (from..=to).contains(&size.log10()) {
+                let decimals = (-decade).max(0) as usize;
+                found.push((size, format!("{size:.decimals$}")));
+            }
+        }
+    }
+    found
+}
