@@ -262,7 +262,11 @@ fn scatter(
     let x = range(points().map(|p| p.0), false)?;
     let held = heights.into_iter().flat_map(|(least, most)| [least, most]);
     let y = range(points().map(|p| p.1).chain(held), false)?;
-    let y = under_legend(y, named);
+    let names = dots
+        .iter()
+        .map(|dots| &dots.name)
+        .chain(through.iter().map(|s| &s.name));
+    let y = under_legend(y, names.filter(|name| !name.is_empty()).count(), area);
     let spans = (x.end - x.start, y.end - y.start);
     let mut chart = axes(panel, area, (x, y), 0)?;
     mesh(&mut chart, panel, spans, None)?;

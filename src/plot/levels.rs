@@ -21,7 +21,7 @@ pub(super) fn draw(panel: &Panel, levels: &Levels, area: &Area<'_>) -> Result<()
         all.copied().filter(|size| size.is_finite() && *size > 0.0)
     };
     let (least, most) = sizes().fold((f64::INFINITY, 0f64), |(a, b), x| (a.min(x), b.max(x)));
-    if !(least <= most) {
+    if least.is_nan() || most.is_nan() || least > most {
         return Err(failed("a panel has no number to show"));
     }
     let (width, height) = area.dim_in_pixel();
