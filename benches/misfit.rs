@@ -19,7 +19,7 @@ use misfit::model_file;
 use misfit::plan::space::Space;
 use misfit::plan::{Aim, Task, precise, separate};
 use misfit::plant::{Command, Plant};
-use misfit::scenario::{Scenario, design, planned, simulate};
+use misfit::scenario::{Job, Scenario, design, planned, simulate};
 use std::path::Path;
 
 const OPTIONS: Options = Options {
@@ -272,7 +272,9 @@ fn maps(c: &mut Criterion) {
     let values = true_values(&scenario, &model);
     let robot = Robot::new(&model, &values);
     let setup = &model.setup;
-    let wanted = scenario.map.clone().unwrap();
+    let Job::Map(wanted) = scenario.job.clone() else {
+        panic!("map.toml maps nothing");
+    };
     let space = &scenario.design.space;
     let reach = Reach {
         moving: setup.robot.chain(setup.target_body(0)),

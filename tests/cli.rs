@@ -1780,9 +1780,10 @@ fn an_arm_that_collapses_under_its_load_is_refused() {
     refused(at, &["run", "soft.toml", "-o", "out"], &["soft"]);
     assert_eq!(
         files(at),
-        ["soft.toml".to_owned()].into(),
-        "nothing is written"
+        ["out".to_owned(), "soft.toml".to_owned()].into(),
+        "the folder, and nothing in it"
     );
+    assert!(files(&at.join("out")).is_empty());
 }
 
 #[test]
@@ -2021,6 +2022,25 @@ fn plans_that_cannot_be_made_are_refused() {
     plan(&["--loads", "1e300"], &["equilibrium"]);
     plan(&["--limits", "none.toml"], &["none.toml"]);
     plan(&["--csv", "gone/x.csv"], &["gone/x.csv: cannot be written"]);
+    let before = fs::read(at.join("cell.toml")).unwrap();
+    plan(&["--csv", "cell.toml"], &["cell.toml"]);
+    assert_eq!(
+        fs::read(at.join("cell.toml")).unwrap(),
+        before,
+        "its own input"
+    );
+    for words in [
+        ["report", "cell.toml", "-o", "x.txt"],
+        ["fit", "cell.toml", "--report", "x.txt"],
+    ] {
+        let ran = run(at, &words);
+        assert_eq!(ran.code, Some(2), "{words:?}: {}", ran.err);
+        assert!(
+            ran.err.contains("ending in .html"),
+            "{words:?}: {}",
+            ran.err
+        );
+    }
     for (limits, parts) in [
         ("colour = 1", &["colour"][..]),
         ("margin = 0.5", &["margin", "0.5"]),

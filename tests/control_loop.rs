@@ -4,9 +4,9 @@ use crate::common::file;
 use assert_cmd::Command;
 use misfit::plant::{self, Load, Plant};
 use misfit::recording::read_campaign;
-use misfit::scenario::Scenario;
 use misfit::scenario::control_loop::{Looped, hold};
 use misfit::scenario::simulate::plant_spec;
+use misfit::scenario::{Job, Scenario};
 use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
 use std::fs;
@@ -32,7 +32,9 @@ fn write(folder: &Path, noise: &str, more: &str) -> PathBuf {
 fn held(noise: &str, more: &str) -> (Scenario, Looped) {
     let folder = TempDir::new().unwrap();
     let scenario = Scenario::load(&write(folder.path(), noise, more)).unwrap();
-    let wanted = scenario.control_loop.clone().unwrap();
+    let Job::Loop(wanted) = scenario.job.clone() else {
+        panic!("no loop");
+    };
     let mut all = hold(&scenario, &wanted, || {}).unwrap();
     assert_eq!(all.len(), 1);
     let looped = all.remove(0);
@@ -302,7 +304,7 @@ fn loops_that_make_no_sense_are_refused() {
     };
     let expect = |keys: &str| format!("{good}\n[[expect.loop]]\n{keys}\n");
     let pull = |keys: &str| format!("{good}\n[[loop.pull]]\nforce_N = [1.0, 0.0, 0.0]\n{keys}\n");
-    let cases: [(String, &[&str]); 23] = [
+    let cases: [(String, &[&str]); 24] = [
         (loop_with("200", "0"), &["rate_hz is 0", "100000"]),
         (loop_with("= 1.0", "= 0.001"), &["duration_s is 0.001"]),
         (loop_with("= 1.0", "= 1e6"), &["ticks", "at most 1000000"]),
@@ -365,6 +367,10 @@ fn loops_that_make_no_sense_are_refused() {
             &["low pass", "low pass 10 Hz, order 1"],
         ),
         (
+            expect("model = \"true\"\nfilter = \"none\"\nposition_rms_um = [9.0, 2.0]"),
+            &["[9, 2] holds no number", "[least, most]"],
+        ),
+        (
             expect("model = \"default\"\nfilter = \"none\"\nreduction = 0.1"),
             &["default", "true"],
         ),
@@ -392,7 +398,33 @@ fn loops_that_make_no_sense_are_refused() {
     let (code, _, err) =
         run("[[expect.loop]]\nmodel = \"true\"\nfilter = \"none\"\nreduction = 0.1\n");
     assert_eq!(code, Some(1));
-    assert!(err.contains("no [loop]"), "{err}");
+    assert!(
+        err.contains("that fits once") && err.contains("[[expect.loop]]"),
+        "{err}"
+    );
+    // one job a scenario, and what belongs to a fit stands beside no other
+    for (more, words) in [
+        (
+            format!("compare_paper = true\n{good}"),
+            ["compare_paper", "stands beside [loop]"],
+        ),
+        (
+            format!("{good}\n[[instead]]\ntitle = \"more\"\nposes = 4\n"),
+            ["[[instead]]", "stands beside [loop]"],
+        ),
+        (
+            expect("model = \"true\"\nfilter = \"none\"\nreduction = 0.1")
+                + "\n[[expect.drill]]\ncommands = \"nominal\"\n",
+            ["[[expect.drill]]", "with [loop]"],
+        ),
+    ] {
+        let (code, _, err) = run(&more);
+        assert_eq!(code, Some(1), "{words:?}");
+        assert!(
+            words.iter().all(|word| err.contains(word)),
+            "{words:?}: {err}"
+        );
+    }
     let (code, out, _) = run(&expect(
         "model = \"true\"\nfilter = \"none\"\nposition_max_um = 1e9\nreduction = 1.0",
     ));

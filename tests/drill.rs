@@ -1,10 +1,10 @@
 //! Drilling: cutting forces against their source in its own units, contact by statics, holes by what must come out.
 
 use misfit::campaign::Noise;
-use misfit::scenario::Scenario;
 use misfit::scenario::drill::cutting::{Drill, Layer};
 use misfit::scenario::drill::summary::{summary, tare, without};
 use misfit::scenario::drill::{Bored, Drilling, Mode, bore};
+use misfit::scenario::{Job, Scenario};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use std::path::Path;
@@ -79,12 +79,14 @@ fn quiet(change: impl FnOnce(&mut Scenario, &mut Drilling)) -> (Scenario, Drilli
     let mut scenario = Scenario::load(Path::new("scenarios/drill.toml")).unwrap();
     scenario.noise = Noise::default();
     scenario.design.poses = 2;
-    let mut wanted = scenario.drill.clone().unwrap();
+    let Job::Drill(mut wanted) = scenario.job.clone() else {
+        panic!("drill.toml drills nothing");
+    };
     wanted.model = "true".to_owned();
     // a thinner board is sooner through
     wanted.layer[1].thickness_mm = 0.5;
     change(&mut scenario, &mut wanted);
-    scenario.drill = Some(wanted.clone());
+    scenario.job = Job::Drill(wanted.clone());
     (scenario, wanted)
 }
 

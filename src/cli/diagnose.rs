@@ -31,7 +31,7 @@ pub struct Arguments {
     #[arg(short = 'o', long, value_name = "M.toml")]
     save_model: Option<PathBuf>,
     /// Write the result as one HTML page too, with pictures.
-    #[arg(long, value_name = "FILE.html")]
+    #[arg(long, value_name = "FILE.html", value_parser = pages::html_path)]
     report: Option<PathBuf>,
     /// Print the result as JSON.
     #[arg(long)]
@@ -44,7 +44,11 @@ pub struct Arguments {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(file) = &arguments.save_model {
-        super::spare(file, &arguments.campaign, &[])?;
+        super::spare(
+            file,
+            &arguments.campaign,
+            &[arguments.candidates.as_deref()],
+        )?;
     }
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;

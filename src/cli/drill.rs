@@ -1,11 +1,11 @@
 //! `misfit drill`.
 
-use super::{Outcome, pictures, print, print_json, progress, run, simulate};
+use super::{Outcome, make_folder, pictures, print, print_json, progress, run, simulate};
 use crate::report;
 use crate::report::run::RunDocument;
-use crate::scenario::Scenario;
 use crate::scenario::drill::{self, Bored, Drilling};
 use crate::scenario::expect::check_drill;
+use crate::scenario::{Job, Scenario};
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 
@@ -37,13 +37,17 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(seed) = arguments.seed {
         scenario.seed = seed;
     }
-    let Some(wanted) = scenario.drill.clone() else {
+    let Job::Drill(wanted) = &scenario.job else {
         anyhow::bail!(
             "{}: has no [drill]; accepted: a scenario with one, such as scenarios/drill.toml",
             scenario.file
         );
     };
-    let (document, text) = bore(&scenario, &wanted, arguments.output.as_deref())?;
+    let folder = arguments.output.as_deref();
+    if let Some(folder) = folder {
+        make_folder(folder)?;
+    }
+    let (document, text) = bore(&scenario, wanted, folder)?;
     if arguments.json {
         print_json(&document)?;
     } else {
@@ -66,8 +70,6 @@ pub(super) fn bore(
     bar.finish_and_clear();
     let mut kept = String::new();
     if let Some(folder) = folder {
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("{}: cannot be made", folder.display()))?;
         kept = keep(scenario, wanted, &holes, folder)?;
     }
     let checks = check_drill(&scenario.expect, wanted, &holes);

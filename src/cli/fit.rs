@@ -29,7 +29,7 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value_t = Method::Weighted)]
     method: Method,
     /// Write the result as one HTML page too, with pictures.
-    #[arg(long, value_name = "FILE.html")]
+    #[arg(long, value_name = "FILE.html", value_parser = pages::html_path)]
     report: Option<PathBuf>,
     /// Print the result as JSON.
     #[arg(long)]

@@ -7,9 +7,9 @@ use crate::fit::{self, Options};
 use crate::map::{By, Map, Request, Which, by_model, postures};
 use crate::plan::space::Space;
 use crate::report::run::RunDocument;
-use crate::scenario::Scenario;
 use crate::scenario::expect::check_map;
 use crate::scenario::mapped::{self, Maps};
+use crate::scenario::{Job, Scenario};
 use crate::setup::Setup;
 use crate::{model_file, recording, report};
 use anyhow::Context;
@@ -105,6 +105,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     {
         return Err(usage(format!("--load-kg {mass}: accepted: 0 or more")));
     }
+    if let Some(output) = &arguments.output {
+        let stem = stem(output, &arguments.spec);
+        for ending in [".csv", ".mcap", ".svg", ".png"] {
+            let path = pictures::with_ending(&stem, ending);
+            super::spare(&path, &arguments.spec, &[arguments.model.as_deref()])?;
+        }
+    }
     if plan::is_scenario(&arguments.spec)? {
         if arguments.effects.is_some() || arguments.model.is_some() {
             return Err(usage(
@@ -112,7 +119,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             ));
         }
         let scenario = Scenario::load(&arguments.spec)?;
-        let mut wanted = scenario.map.clone().unwrap_or_default();
+        let mut wanted = match &scenario.job {
+            Job::Map(wanted) => wanted.clone(),
+            _ => Request::default(),
+        };
         adjust(arguments, &mut wanted);
         // the campaign that a model is fitted to keeps its own loads
         let mut load = match (arguments.load_kg, com) {
@@ -268,14 +278,8 @@ fn finish(
 ) -> anyhow::Result<Outcome> {
     let mut said = String::new();
     if let Some(output) = &arguments.output {
-        said = keep(
-            &stem(output, &arguments.spec),
-            Some(&arguments.spec),
-            (setup, file),
-            space,
-            wanted,
-            maps,
-        )?;
+        let stem = stem(output, &arguments.spec);
+        said = keep(&stem, (setup, file), space, wanted, maps)?;
     } else {
         said += "next     the same with -o STEM draws it: STEM.png, .svg, .csv, .mcap\n";
     }
@@ -305,22 +309,12 @@ fn stem(output: &Path, spec: &Path) -> PathBuf {
 /// Pictures, table and points.
 fn keep(
     stem: &Path,
-    spec: Option<&Path>,
     (setup, file): (&Setup, &RobotFile),
     space: &Space,
     wanted: &Request,
     maps: &Maps,
 ) -> anyhow::Result<String> {
-    let with = |ending: &str| {
-        let mut path = stem.as_os_str().to_owned();
-        path.push(ending);
-        PathBuf::from(path)
-    };
-    if let Some(spec) = spec {
-        for ending in [".csv", ".mcap", ".svg", ".png"] {
-            super::spare(&with(ending), spec, &[])?;
-        }
-    }
+    let with = |ending: &str| pictures::with_ending(stem, ending);
     let figures = report::map::figures(setup, &setup.robot.name, wanted, maps);
     let alone = figures.len() == 1;
     let mut names = Vec::new();
@@ -363,11 +357,9 @@ pub(super) fn of_scenario(
     let setup = &scenario.setup;
     let mut kept = String::new();
     if let Some(folder) = folder {
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("{}: cannot be made", folder.display()))?;
         let stem = folder.join(format!("{}.map", scenario.name));
         let file = (setup, &scenario.robot_file);
-        kept = keep(&stem, None, file, &scenario.design.space, wanted, &maps)? + "\n";
+        kept = keep(&stem, file, &scenario.design.space, wanted, &maps)? + "\n";
     }
     let checks = check_map(&scenario.expect, setup, &maps);
     let text = format!(

@@ -16,6 +16,7 @@ mod run;
 mod simulate;
 mod sweep;
 
+use anyhow::Context;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -138,6 +139,11 @@ fn spare(output: &Path, campaign: &Path, others: &[Option<&Path>]) -> anyhow::Re
         ),
         None => Ok(()),
     }
+}
+
+/// Makes a folder to write to, if it is not there.
+fn make_folder(folder: &Path) -> anyhow::Result<()> {
+    std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))
 }
 
 /// A reader that has seen enough (`misfit … | head`) is no fault.

@@ -121,6 +121,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             _ => return Err(usage("--separate takes two different effects: A,B")),
         },
     };
+    if let Some(file) = &arguments.csv {
+        let read = [arguments.model.as_deref(), arguments.limits.as_deref()];
+        super::spare(file, &arguments.spec, &read)?;
+    }
     let spinner = progress::spinner();
     let say = |text: &str| spinner.set_message(text.to_owned());
     let mut spec = match is_scenario(&arguments.spec)? {

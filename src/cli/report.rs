@@ -33,11 +33,20 @@ pub struct Arguments {
     #[arg(long, value_name = "M.toml")]
     candidates: Option<PathBuf>,
     /// Where to write the page.
-    #[arg(short, long, value_name = "FILE.html", default_value = "report.html")]
+    #[arg(short, long, value_name = "FILE.html", default_value = "report.html", value_parser = html_path)]
     output: PathBuf,
     /// Skip the cross-validation of campaigns without held-out readings.
     #[arg(long)]
     no_cross_validation: bool,
+}
+
+/// A path that a browser opens, and that nothing is read from.
+pub(super) fn html_path(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension() {
+        Some(ending) if ending == "html" => Ok(path),
+        _ => Err("accepted: a path ending in .html".to_owned()),
+    }
 }
 
 /// Runs the command.

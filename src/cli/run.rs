@@ -1,6 +1,8 @@
 //! `misfit run`.
 
-use super::{Outcome, print, print_json, progress, report as pages, simulate};
+use super::{
+    Outcome, drill, make_folder, map, print, print_json, progress, report as pages, simulate,
+};
 use crate::fit::{self, Options};
 use crate::model_file;
 use crate::report;
@@ -9,7 +11,7 @@ use crate::report::run::{Instead, RunDocument};
 use crate::scenario::compensated::{self, Compensate};
 use crate::scenario::control_loop::{self, ControlLoop, Looped};
 use crate::scenario::expect::{check_compensation, check_fit, check_loop, check_study, compare};
-use crate::scenario::{Scenario, efficiency, simulate::truth_text, workspace};
+use crate::scenario::{Job, Scenario, efficiency, simulate::truth_text, workspace};
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 
@@ -26,7 +28,7 @@ pub struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Write the fit as one HTML page too, with pictures.
-    #[arg(long, value_name = "FILE.html")]
+    #[arg(long, value_name = "FILE.html", value_parser = pages::html_path)]
     report: Option<PathBuf>,
     /// Print the result as JSON.
     #[arg(long)]
@@ -45,44 +47,34 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(seed) = arguments.seed {
         scenario.seed = seed;
     }
-    if arguments.campaigns.is_some() && scenario.campaigns.is_none() {
+    if arguments.report.is_some() && !matches!(scenario.job, Job::Fit) {
+        anyhow::bail!(
+            "{}: has {}; --report goes with scenarios that do nothing but simulate and fit one campaign",
+            scenario.file,
+            scenario.job.key()
+        );
+    }
+    if let (Some(more), Job::Study { campaigns }) = (arguments.campaigns, &mut scenario.job) {
+        *campaigns = more as usize;
+    } else if arguments.campaigns.is_some() {
         anyhow::bail!(
             "{}: is no efficiency study; --campaigns goes with scenarios that have campaigns = N",
             scenario.file
         );
     }
-    let campaigns = arguments
-        .campaigns
-        .map(|n| n as usize)
-        .or(scenario.campaigns);
     let folder = arguments.output.as_deref();
-    let fits_once = campaigns.is_none()
-        && scenario.compensate.is_none()
-        && scenario.control_loop.is_none()
-        && scenario.map.is_none()
-        && scenario.drill.is_none();
-    if arguments.report.is_some() && !fits_once {
-        anyhow::bail!(
-            "{}: fits no campaign of its own; --report goes with scenarios that do nothing but simulate and fit one",
-            scenario.file
-        );
+    if let Some(folder) = folder {
+        make_folder(folder)?;
     }
-    let (document, text) = if let Some(campaigns) = campaigns {
-        study(&scenario, campaigns)?
-    } else if let Some(wanted) = &scenario.compensate {
-        corrections(&scenario, wanted, folder)?
-    } else if let Some(wanted) = &scenario.control_loop {
-        loops(arguments, &scenario, wanted)?
-    } else if let Some(wanted) = &scenario.map {
-        super::map::of_scenario(&scenario, wanted, folder)?
-    } else if let Some(wanted) = &scenario.drill {
-        super::drill::bore(&scenario, wanted, folder)?
-    } else {
-        fit_once(arguments, &scenario)?
+    let (document, text) = match &scenario.job {
+        Job::Fit => fit_once(arguments, &scenario)?,
+        Job::Study { campaigns } => study(&scenario, *campaigns)?,
+        Job::Compensate(wanted) => corrections(&scenario, wanted, folder)?,
+        Job::Loop(wanted) => loops(&scenario, wanted, folder)?,
+        Job::Map(wanted) => map::of_scenario(&scenario, wanted, folder)?,
+        Job::Drill(wanted) => drill::bore(&scenario, wanted, folder)?,
     };
-    if let Some(folder) = &arguments.output {
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("{}: cannot be made", folder.display()))?;
+    if let Some(folder) = folder {
         let path = folder.join(format!("{}.result.json", scenario.name));
         simulate::write_text(&path, &(serde_json::to_string_pretty(&document)? + "\n"))?;
     }
@@ -116,8 +108,6 @@ pub(super) fn title(scenario: &Scenario) -> String {
 fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDocument, String)> {
     let campaign = simulate::campaign(scenario)?;
     if let Some(folder) = &arguments.output {
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("{}: cannot be made", folder.display()))?;
         let path = folder.join(format!("{}.mcap", scenario.name));
         simulate::write_recording(scenario, &campaign, &path)?;
         simulate::write_text(&simulate::truth_path(&path), &truth_text(scenario))?;
@@ -252,8 +242,6 @@ fn corrections(
     if let (Some(folder), Some(last), true) = (folder, found.last(), wanted.list)
         && !last.arrivals.is_empty()
     {
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("{}: cannot be made", folder.display()))?;
         let figure = report::corrections::figure(scenario, wanted, last);
         super::pictures::write(&folder.join(&scenario.name), &figure)?;
     }
@@ -277,16 +265,14 @@ fn corrections(
 
 /// Poses held in a control loop, in MuJoCo.
 fn loops(
-    arguments: &Arguments,
     scenario: &Scenario,
     wanted: &ControlLoop,
+    folder: Option<&Path>,
 ) -> anyhow::Result<(RunDocument, String)> {
     let bar = progress::bar(control_loop::runs(wanted) as u64, "runs");
     let found = control_loop::hold(scenario, wanted, || bar.inc(1))?;
     bar.finish_and_clear();
-    if let Some(folder) = &arguments.output {
-        std::fs::create_dir_all(folder)
-            .with_context(|| format!("{}: cannot be made", folder.display()))?;
+    if let Some(folder) = folder {
         keep_loops(folder, scenario, wanted, &found)?;
     }
     let checks = check_loop(&scenario.expect, &found);

@@ -62,22 +62,14 @@ pub struct Scenario {
     pub effects: Option<String>,
     /// Model file as for `--model`, if one is named.
     pub model: Option<PathBuf>,
-    /// Campaigns of the efficiency study, if it is one.
-    pub campaigns: Option<usize>,
+    /// What it does beside simulating.
+    pub job: Job,
     /// Also estimate by the paper's method, to compare?
     pub compare_paper: bool,
     /// Survey of the plant's deflection over its workspace, if wanted.
     pub workspace: Option<workspace::Workspace>,
     /// Other designs, to say what they could do instead: title and design.
     pub instead: Vec<(String, Design)>,
-    /// Poses to be commanded with and without correction, if wanted.
-    pub compensate: Option<compensated::Compensate>,
-    /// Poses to be held in a control loop, if wanted.
-    pub control_loop: Option<control_loop::ControlLoop>,
-    /// Maps of the workspace, if wanted.
-    pub map: Option<crate::map::Request>,
-    /// A board to be drilled by two arms, if wanted.
-    pub drill: Option<drill::Drilling>,
     /// What must come out.
     pub expect: Expect,
     /// Blind cases to draw from it, if it is a sweep.
@@ -96,6 +88,58 @@ impl Scenario {
         other.seed = seed;
         other.truth = read::truths(&self.file, self.truth_tables.clone(), &self.setup, seed)?;
         Ok(other)
+    }
+}
+
+/// What a scenario does: one thing.
+#[derive(Debug, Clone)]
+pub enum Job {
+    /// Fits one campaign.
+    Fit,
+    /// Fits many campaigns, to compare their spread with the Cramér-Rao bound.
+    Study {
+        /// How many.
+        campaigns: usize,
+    },
+    /// Commands poses with and without correction.
+    Compensate(compensated::Compensate),
+    /// Holds poses in a control loop.
+    Loop(control_loop::ControlLoop),
+    /// Maps the workspace.
+    Map(crate::map::Request),
+    /// Drills a board with two arms.
+    Drill(drill::Drilling),
+}
+
+impl Job {
+    /// The key by which a scenario asks for it.
+    pub fn key(&self) -> &'static str {
+        match self {
+            Job::Fit => "effects",
+            Job::Study { .. } => "campaigns",
+            Job::Compensate(_) => "[compensate]",
+            Job::Loop(_) => "[loop]",
+            Job::Map(_) => "[map]",
+            Job::Drill(_) => "[drill]",
+        }
+    }
+
+    /// Refuses what cannot be done.
+    ///
+    /// # Errors
+    /// A sentence that names the key, what was found and what is accepted.
+    fn check(&self, setup: &Setup) -> Result<(), String> {
+        /// Campaigns of an efficiency study at most.
+        const MOST_CAMPAIGNS: usize = 1_000_000;
+        match self {
+            Job::Fit => Ok(()),
+            Job::Study { campaigns } if (1..=MOST_CAMPAIGNS).contains(campaigns) => Ok(()),
+            Job::Study { .. } => Err(format!("campaigns: accepted are 1 to {MOST_CAMPAIGNS}")),
+            Job::Compensate(wanted) => wanted.check(),
+            Job::Loop(wanted) => wanted.check(setup),
+            Job::Map(wanted) => wanted.check(setup),
+            Job::Drill(wanted) => wanted.check(setup),
+        }
     }
 }
 

@@ -6,7 +6,7 @@
 use super::design::{Design, DesignLoad, WarmUp, stream};
 use super::expect::Expect;
 use super::workspace::Workspace;
-use super::{Scenario, ScenarioError, Truth, presets};
+use super::{Job, Scenario, ScenarioError, Truth, presets};
 use crate::campaign::{Document, Noise, RobotFile};
 use crate::effects::table::{Choice, TableError, unique};
 use crate::plan::space::{Space, generator};
@@ -21,8 +21,6 @@ use std::path::{Path, PathBuf};
 
 /// Readings of one campaign at most.
 const MOST_READINGS: usize = 1_000_000;
-/// Campaigns of an efficiency study at most.
-const MOST_CAMPAIGNS: usize = 1_000_000;
 
 /// What a scenario has beside the keys of a campaign file.
 #[derive(Debug, Deserialize)]
@@ -161,7 +159,7 @@ impl Scenario {
             .into_iter()
             .partition(|(key, _)| shared.contains(&key.as_str()));
         let document = Document::from_table(&file, shared)?;
-        let own: OwnKeys = own
+        let mut own: OwnKeys = own
             .try_into()
             .map_err(|error: toml::de::Error| form(plain(&error)))?;
         let robot_path = folder.join(&document.robot);
@@ -198,69 +196,21 @@ impl Scenario {
         if let Some(blind) = &own.blind {
             blind.check().map_err(&form)?;
         }
-        if let Some(compensate) = &own.compensate {
-            compensate.check().map_err(&form)?;
-        }
-        if let Some(map) = &own.map {
-            map.check(&setup).map_err(&form)?;
-        }
-        if let Some(drill) = &own.drill {
-            drill.check(&setup).map_err(&form)?;
-        }
-        if let Some(control_loop) = &own.control_loop {
-            control_loop.check(&setup).map_err(&form)?;
-        }
-        let jobs = [
-            ("campaigns", own.campaigns.is_some()),
-            ("[compensate]", own.compensate.is_some()),
-            ("[loop]", own.control_loop.is_some()),
-            ("[map]", own.map.is_some()),
-            ("[drill]", own.drill.is_some()),
+        let job = job(&mut own).map_err(&form)?;
+        let beside = [
+            ("compare_paper", own.compare_paper),
+            ("[workspace]", own.workspace.is_some()),
+            ("[[instead]]", !own.instead.is_empty()),
         ];
-        let mut jobs = jobs.iter().filter(|(_, given)| *given).map(|(job, _)| job);
-        if let (Some(first), Some(second)) = (jobs.next(), jobs.next()) {
+        let mut beside = beside.iter().filter(|(_, given)| *given);
+        if let (false, Some((key, _))) = (matches!(job, Job::Fit), beside.next()) {
             return Err(form(format!(
-                "{second} stands beside {first}; accepted: one of them in a scenario"
+                "{key} stands beside {}; accepted: in a scenario that fits one campaign",
+                job.key()
             )));
         }
-        let expect = &own.expect;
-        expect.check(own.campaigns.is_some()).map_err(&form)?;
-        let others = [
-            (
-                own.compensate.is_some(),
-                "[compensate]",
-                "commands",
-                "[[expect.compensation]]",
-            ),
-            (
-                own.control_loop.is_some(),
-                "[loop]",
-                "poses held",
-                "[[expect.loop]]",
-            ),
-            (own.map.is_some(), "[map]", "maps", "[[expect.map]]"),
-            (own.drill.is_some(), "[drill]", "holes", "[[expect.drill]]"),
-        ];
-        for (_, table, reports, wanted) in others.iter().filter(|(given, ..)| *given) {
-            expect
-                .check_instead(table, reports, wanted)
-                .map_err(&form)?;
-        }
-        let compensate = own.compensate.as_ref();
-        expect.check_compensation(compensate).map_err(&form)?;
-        expect
-            .check_loop(own.control_loop.as_ref())
-            .map_err(&form)?;
-        expect.check_map(own.map.as_ref(), &setup).map_err(&form)?;
-        expect.check_drill(own.drill.as_ref()).map_err(&form)?;
-        if own
-            .campaigns
-            .is_some_and(|n| !(1..=MOST_CAMPAIGNS).contains(&n))
-        {
-            return Err(form(format!(
-                "campaigns: accepted are 1 to {MOST_CAMPAIGNS}"
-            )));
-        }
+        job.check(&setup).map_err(&form)?;
+        own.expect.check(&job, &setup).map_err(&form)?;
         Ok(Self {
             file: file.clone(),
             name: path
@@ -286,19 +236,38 @@ impl Scenario {
             design,
             effects: own.effects.map(|names| names.join(",")),
             model: own.model.map(|model| folder.join(model)),
-            campaigns: own.campaigns,
+            job,
             compare_paper: own.compare_paper,
             workspace: own.workspace,
             instead,
-            compensate: own.compensate,
-            control_loop: own.control_loop,
-            map: own.map,
-            drill: own.drill,
             expect: own.expect,
             blind: own.blind,
             truth_tables: own.truth,
             setup,
         })
+    }
+}
+
+/// What the scenario asks for, if not for a fit.
+fn job(own: &mut OwnKeys) -> Result<Job, String> {
+    let jobs = [
+        own.campaigns.map(|campaigns| Job::Study { campaigns }),
+        own.compensate.take().map(Job::Compensate),
+        own.control_loop.take().map(Job::Loop),
+        own.map.take().map(Job::Map),
+        own.drill.take().map(Job::Drill),
+    ];
+    let mut jobs = jobs.into_iter().flatten();
+    let Some(first) = jobs.next() else {
+        return Ok(Job::Fit);
+    };
+    match jobs.next() {
+        None => Ok(first),
+        Some(second) => Err(format!(
+            "{} stands beside {}; accepted: one of them in a scenario",
+            second.key(),
+            first.key()
+        )),
     }
 }
 

@@ -1,7 +1,7 @@
 //! Of commands that models correct.
 
 use super::super::compensated::{Compensate, Corrections};
-use super::{Check, Expect, at_most, within};
+use super::{Check, Expect, Range, at_least, at_most, within};
 use serde::Deserialize;
 
 /// Expectation of the commands that one model corrects.
@@ -15,30 +15,19 @@ pub struct ExpectCompensation {
     /// Largest miss of an orientation, µrad.
     pub orientation_max_urad: Option<f64>,
     /// Range of the position's miss, rms, µm.
-    pub position_rms_um: Option<[f64; 2]>,
+    pub position_rms_um: Option<Range>,
     /// Least share by which the position error falls, rms.
     pub reduction: Option<f64>,
     /// Range of the share of coordinates inside their predicted 95 % intervals.
-    pub coverage: Option<[f64; 2]>,
+    pub coverage: Option<Range>,
     /// Most poses that no command reaches; none if left out.
     pub unreached: Option<usize>,
 }
 
 impl Expect {
-    /// Refuses expectations of commands in a scenario without any, of a model that corrects none, and those of a fit in
-    /// a scenario that reports none.
-    ///
-    /// # Errors
-    /// A sentence that names the key.
-    pub fn check_compensation(&self, compensate: Option<&Compensate>) -> Result<(), String> {
+    /// Refuses expectations of a model that corrects nothing.
+    pub(super) fn check_compensation(&self, compensate: &Compensate) -> Result<(), String> {
         for wanted in &self.compensation {
-            let Some(compensate) = compensate else {
-                return Err(
-                    "[[expect.compensation]] is of corrected commands, but the scenario has no [compensate]; it would \
-                     check nothing"
-                        .to_owned(),
-                );
-            };
             if !compensate.models.contains(&wanted.model) {
                 return Err(format!(
                     "[[expect.compensation]] model = \"{}\"; accepted: one of [compensate] models: {}",
@@ -87,11 +76,10 @@ pub fn check_compensation(expect: &Expect, found: &[Corrections]) -> Vec<Check> 
             coverage,
             wanted.coverage,
         ));
-        let least = wanted.reduction.map(|least| [least, 1.0]);
-        checks.extend(within(
+        checks.extend(at_least(
             &name("share by which the position error falls"),
             found.reduction(),
-            least,
+            wanted.reduction,
         ));
     }
     checks

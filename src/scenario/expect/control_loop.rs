@@ -1,7 +1,7 @@
 //! Of poses held in a control loop.
 
 use super::super::control_loop::{ControlLoop, Looped};
-use super::{Check, Expect, at_most, within};
+use super::{Check, Expect, Range, at_least, at_most, within};
 use serde::Deserialize;
 
 /// Expectation of a loop: one model with one filter.
@@ -13,13 +13,13 @@ pub struct ExpectLoop {
     /// One of its filters, by the name that the report gives it.
     pub filter: String,
     /// Range of the position's error, rms, µm.
-    pub position_rms_um: Option<[f64; 2]>,
+    pub position_rms_um: Option<Range>,
     /// Largest error of a position, µm.
     pub position_max_um: Option<f64>,
     /// Range of its part from noise, rms, µm.
-    pub noise_rms_um: Option<[f64; 2]>,
+    pub noise_rms_um: Option<Range>,
     /// Range of its part from delay, rms, µm.
-    pub lag_rms_um: Option<[f64; 2]>,
+    pub lag_rms_um: Option<Range>,
     /// Least share by which the error falls, rms, against commands corrected for the tool alone.
     pub reduction: Option<f64>,
     /// Most poses left out and ticks without a command; none if left out.
@@ -27,19 +27,9 @@ pub struct ExpectLoop {
 }
 
 impl Expect {
-    /// Refuses expectations of loops in a scenario without any, of models and filters that it does not have, those that
-    /// expect nothing, and those of a fit in a scenario that reports none.
-    ///
-    /// # Errors
-    /// A sentence that names the key.
-    pub fn check_loop(&self, control_loop: Option<&ControlLoop>) -> Result<(), String> {
+    /// Refuses expectations of models and filters that the loop does not have, and those that expect nothing.
+    pub(super) fn check_loop(&self, control_loop: &ControlLoop) -> Result<(), String> {
         for wanted in &self.loops {
-            let Some(control_loop) = control_loop else {
-                return Err(
-                    "[[expect.loop]] is of a control loop, but the scenario has no [loop]; it would check nothing"
-                        .to_owned(),
-                );
-            };
             let filters = control_loop.filter_names();
             let known = [
                 ("model", &wanted.model, &control_loop.models),
@@ -112,10 +102,10 @@ pub fn check_loop(expect: &Expect, found: &[Looped]) -> Vec<Check> {
         for (what, part, range) in parts {
             checks.extend(within(&name(what), part.position_m * 1e6, range));
         }
-        checks.extend(within(
+        checks.extend(at_least(
             &name("share by which the position error falls"),
             looped.reduction(found),
-            wanted.reduction.map(|least| [least, 1.0]),
+            wanted.reduction,
         ));
     }
     checks

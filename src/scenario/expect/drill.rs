@@ -3,7 +3,7 @@
 use super::super::drill::cutting;
 use super::super::drill::summary::summary;
 use super::super::drill::{Bored, Drilling, Mode};
-use super::{Check, Expect, within};
+use super::{Check, Expect, Range, at_most, within};
 use serde::Deserialize;
 
 /// Expectation of a hole.
@@ -14,31 +14,23 @@ pub struct ExpectDrill {
     /// One of `[drill] commands`.
     pub commands: Mode,
     /// Range of the distance of the hole from its place, µm.
-    pub hole_um: Option<[f64; 2]>,
+    pub hole_um: Option<Range>,
     /// Range of the angle between drill and normal, µrad.
-    pub tilt_urad: Option<[f64; 2]>,
+    pub tilt_urad: Option<Range>,
     /// Range of the largest thrust, N.
-    pub thrust_N: Option<[f64; 2]>,
+    pub thrust_N: Option<Range>,
     /// Largest distance of the tip from the back of the board at the largest thrust, µm.
     pub breakthrough_um: Option<f64>,
     /// Range of the largest lateral force, N.
-    pub lateral_N: Option<[f64; 2]>,
+    pub lateral_N: Option<Range>,
     /// Largest sum of the two sensors over the largest thrust, forces and moments.
     pub balance: Option<f64>,
 }
 
 impl Expect {
-    /// Refuses expectations of holes in a scenario without any, of commands that it does not give
-    ///
-    /// # Errors
-    /// A sentence that names the key.
-    pub fn check_drill(&self, drill: Option<&Drilling>) -> Result<(), String> {
+    /// Refuses expectations of commands that no hole is drilled with, and those that expect nothing.
+    pub(super) fn check_drill(&self, drill: &Drilling) -> Result<(), String> {
         for wanted in &self.drill {
-            let Some(drill) = drill else {
-                return Err(
-                    "[[expect.drill]] is of a hole, but the scenario has no [drill]; it would check nothing".to_owned(),
-                );
-            };
             if !drill.modes.contains(&wanted.commands) {
                 let known: Vec<&str> = drill.modes.iter().map(|mode| mode.word()).collect();
                 return Err(format!(
@@ -94,10 +86,10 @@ pub fn check_drill(expect: &Expect, drill: &Drilling, holes: &[Bored]) -> Vec<Ch
         let off = found
             .through_s
             .map_or(f64::NAN, |_| (found.thrust_peak_depth_m - back).abs());
-        checks.extend(within(
+        checks.extend(at_most(
             &name("tip from the back of the board at the largest thrust, µm"),
             off * 1e6,
-            wanted.breakthrough_um.map(|most| [0.0, most]),
+            wanted.breakthrough_um,
         ));
         checks.extend(within(
             &name("largest lateral force, N"),
@@ -111,13 +103,12 @@ pub fn check_drill(expect: &Expect, drill: &Drilling, holes: &[Bored]) -> Vec<Ch
             ),
             ("sum of their moments", found.moment_balance),
         ] {
-            let range = wanted.balance.map(|most| [0.0, most]);
-            checks.extend(within(&name(what), share, range));
+            checks.extend(at_most(&name(what), share, wanted.balance));
         }
-        checks.extend(within(
+        checks.extend(at_most(
             &name("ticks without a command"),
             found.unreached as f64,
-            Some([0.0, 0.0]),
+            Some(0.0),
         ));
     }
     checks

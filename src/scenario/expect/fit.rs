@@ -2,7 +2,7 @@
 
 use super::super::Scenario;
 use super::super::efficiency::Study;
-use super::{Check, Expect, within};
+use super::{Check, Expect, Range, at_most, within};
 use crate::fit::{Fit, Status};
 use crate::report::format::number;
 use serde::{Deserialize, Serialize};
@@ -18,9 +18,26 @@ pub struct ExpectParameter {
     /// Largest |value - truth| / |truth|.
     pub relative_error: Option<f64>,
     /// Range of the fit's standard deviation over the truth.
-    pub relative_std: Option<[f64; 2]>,
+    pub relative_std: Option<Range>,
     /// Largest |value - truth| in the fit's own standard deviations.
     pub sigmas: Option<f64>,
+}
+
+impl ExpectParameter {
+    /// Refuses what expects nothing.
+    pub(super) fn check(&self) -> Result<(), String> {
+        let idle = self.status.is_none()
+            && self.relative_error.is_none()
+            && self.relative_std.is_none()
+            && self.sigmas.is_none();
+        if idle {
+            return Err(format!(
+                "[[expect.parameter]] {} expects nothing; accepted: status, relative_error, relative_std, sigmas",
+                self.name
+            ));
+        }
+        Ok(())
+    }
 }
 
 /// A parameter beside its truth.
@@ -128,15 +145,11 @@ pub fn check_study(expect: &Expect, study: &Study) -> Vec<Check> {
         study.coverage(),
         expect.coverage,
     ));
-    if let Some(limit) = expect.paper_efficiency {
-        let found = study.paper_efficiency();
-        checks.push(Check {
-            what: "variance efficiency of the paper's estimator".to_owned(),
-            found: number(found),
-            accepted: format!("at most {}", number(limit)),
-            met: found <= limit,
-        });
-    }
+    checks.extend(at_most(
+        "variance efficiency of the paper's estimator",
+        study.paper_efficiency(),
+        expect.paper_efficiency,
+    ));
     checks
 }
 
@@ -170,13 +183,13 @@ fn check_parameter(wanted: &ExpectParameter, fit: &Fit, compared: &[Comparison])
         let row = compared
             .iter()
             .find(|row| format!("{}.{}", row.effect, row.name) == name);
-        if let Some([low, high]) = wanted.relative_std {
+        if let Some(Range { least, most }) = wanted.relative_std {
             let found = row.and_then(|row| Some(row.std? / row.truth.abs()));
             checks.push(Check {
                 what: format!("standard deviation over truth of {name}"),
                 found: found.map_or("none".to_owned(), number),
-                accepted: format!("{} to {}", number(low), number(high)),
-                met: found.is_some_and(|found| (low..=high).contains(&found)),
+                accepted: format!("{} to {}", number(least), number(most)),
+                met: found.is_some_and(|found| (least..=most).contains(&found)),
             });
         }
         let mut at_most = |what: &str, found: Option<f64>, limit: Option<f64>| {

@@ -1,7 +1,7 @@
 //! Of maps of the workspace.
 
 use super::super::mapped::{Maps, agreement};
-use super::{Check, Expect, within};
+use super::{Check, Expect, Range, at_least, at_most, within};
 use crate::map::{By, Request, Which};
 use crate::setup::Setup;
 use serde::Deserialize;
@@ -15,9 +15,9 @@ pub struct ExpectMap {
     /// Who tells.
     pub by: By,
     /// Range of the largest error of position, mm.
-    pub position_max_mm: Option<[f64; 2]>,
+    pub position_max_mm: Option<Range>,
     /// Range of the largest error of orientation, mrad.
-    pub orientation_max_mrad: Option<[f64; 2]>,
+    pub orientation_max_mrad: Option<Range>,
     /// Largest difference from the other one's map, over the largest error.
     pub apart: Option<f64>,
     /// Least share of the points that is in reach.
@@ -25,18 +25,9 @@ pub struct ExpectMap {
 }
 
 impl Expect {
-    /// Refuses expectations of maps in a scenario without any, of targets and tellers that it does not have, those that
-    /// expect nothing, and those of a fit in a scenario that reports none.
-    ///
-    /// # Errors
-    /// A sentence that names the key.
-    pub fn check_map(&self, map: Option<&Request>, setup: &Setup) -> Result<(), String> {
+    /// Refuses expectations of targets and tellers that the map does not have, and those that expect nothing.
+    pub(super) fn check_map(&self, map: &Request, setup: &Setup) -> Result<(), String> {
         for wanted in &self.map {
-            let Some(map) = map else {
-                return Err(
-                    "[[expect.map]] is of a map, but the scenario has no [map]; it would check nothing".to_owned(),
-                );
-            };
             let targets = map.targets(setup)?;
             let names: Vec<&str> = targets
                 .iter()
@@ -106,15 +97,15 @@ pub fn check_map(expect: &Expect, setup: &Setup, maps: &Maps) -> Vec<Check> {
             wanted.orientation_max_mrad,
         ));
         let pair = agreements.iter().find(|a| a.target == wanted.target);
-        checks.extend(within(
+        checks.extend(at_most(
             &name("model and MuJoCo apart, over the largest"),
             pair.map_or(f64::NAN, |pair| pair.relative),
-            wanted.apart.map(|most| [0.0, most]),
+            wanted.apart,
         ));
-        checks.extend(within(
+        checks.extend(at_least(
             &name("share of points in reach"),
             found.reached as f64 / found.points as f64,
-            wanted.reached.map(|least| [least, 1.0]),
+            wanted.reached,
         ));
     }
     checks

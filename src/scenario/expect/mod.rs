@@ -12,7 +12,9 @@ pub use drill::{ExpectDrill, check_drill};
 pub use fit::{Comparison, ExpectParameter, check_fit, check_study, compare};
 pub use map::{ExpectMap, check_map};
 
+use super::Job;
 use crate::report::format::number;
+use crate::setup::Setup;
 use serde::{Deserialize, Serialize};
 
 /// Expectations; whatever is left out is not checked.
@@ -26,14 +28,14 @@ pub struct Expect {
     /// Largest held-out (or cross-validated) position error, rms, mm.
     pub heldout_position_rms_mm: Option<f64>,
     /// Range of the fitted whitened rms.
-    pub whitened_rms: Option<[f64; 2]>,
+    pub whitened_rms: Option<Range>,
     /// Expectations of parameters.
     #[serde(default, rename = "parameter")]
     pub parameters: Vec<ExpectParameter>,
     /// Range of the pooled variance efficiency of the weighted fit against the Cramér-Rao bound.
-    pub efficiency: Option<[f64; 2]>,
+    pub efficiency: Option<Range>,
     /// Range of the share of 95 % intervals that hold the truth.
-    pub coverage: Option<[f64; 2]>,
+    pub coverage: Option<Range>,
     /// Largest variance efficiency of the paper's estimator.
     pub paper_efficiency: Option<f64>,
     /// Expectations of corrected commands.
@@ -51,81 +53,93 @@ pub struct Expect {
 }
 
 impl Expect {
-    /// Refuses expectations that would check nothing: those of a study in a scenario with one fit, those of a fit
-    /// in a study, and a parameter of which nothing is expected.
+    /// Refuses expectations that would check nothing: of what the scenario does not do, of models, targets and filters
+    /// that it does not have, and those that expect nothing.
     ///
     /// # Errors
-    /// A sentence that names the key.
-    pub fn check(&self, study: bool) -> Result<(), String> {
-        let of_study = [
-            ("efficiency", self.efficiency.is_some()),
-            ("coverage", self.coverage.is_some()),
-            ("paper_efficiency", self.paper_efficiency.is_some()),
-        ];
-        let of_fit = [
-            ("converged", self.converged.is_some()),
-            ("fit_position_rms_mm", self.fit_position_rms_mm.is_some()),
+    /// A sentence that names the key, and what is accepted.
+    pub fn check(&self, job: &Job, setup: &Setup) -> Result<(), String> {
+        let fit = ["effects", "a fit"];
+        let study = ["campaigns", "a study"];
+        let keys = [
+            (fit, "converged", self.converged.is_some()),
             (
+                fit,
+                "fit_position_rms_mm",
+                self.fit_position_rms_mm.is_some(),
+            ),
+            (
+                fit,
                 "heldout_position_rms_mm",
                 self.heldout_position_rms_mm.is_some(),
             ),
-            ("whitened_rms", self.whitened_rms.is_some()),
-            ("parameter", !self.parameters.is_empty()),
+            (fit, "whitened_rms", self.whitened_rms.is_some()),
+            (fit, "[[expect.parameter]]", !self.parameters.is_empty()),
+            (study, "efficiency", self.efficiency.is_some()),
+            (study, "coverage", self.coverage.is_some()),
+            (study, "paper_efficiency", self.paper_efficiency.is_some()),
+            (
+                ["[compensate]", "corrected commands"],
+                "[[expect.compensation]]",
+                !self.compensation.is_empty(),
+            ),
+            (
+                ["[loop]", "a control loop"],
+                "[[expect.loop]]",
+                !self.loops.is_empty(),
+            ),
+            (["[map]", "a map"], "[[expect.map]]", !self.map.is_empty()),
+            (
+                ["[drill]", "a hole"],
+                "[[expect.drill]]",
+                !self.drill.is_empty(),
+            ),
         ];
-        let (idle, why) = if study {
-            (
-                &of_fit[..],
-                "is of one fit, but campaigns makes this a study of many",
-            )
-        } else {
-            (
-                &of_study[..],
-                "is of a study, but the scenario has no campaigns = N",
-            )
-        };
-        if let Some((key, _)) = idle.iter().find(|(_, given)| *given) {
-            return Err(format!("[expect] {key} {why}; it would check nothing"));
+        let own = job.key();
+        if let Some(([_, what], key, _)) =
+            keys.iter().find(|([of, _], _, given)| *given && *of != own)
+        {
+            let accepted = keys.iter().filter(|([of, _], ..)| *of == own);
+            let accepted: Vec<&str> = accepted.map(|(_, key, _)| *key).collect();
+            let does = match job {
+                Job::Fit => "that fits once".to_owned(),
+                _ => format!("with {own}"),
+            };
+            return Err(format!(
+                "[expect] of {what} in a scenario {does}: {key} would check nothing; accepted: {}",
+                accepted.join(", ")
+            ));
         }
-        for wanted in &self.parameters {
-            let idle = wanted.status.is_none()
-                && wanted.relative_error.is_none()
-                && wanted.relative_std.is_none()
-                && wanted.sigmas.is_none();
-            if idle {
-                return Err(format!(
-                    "[[expect.parameter]] {} expects nothing; accepted: status, relative_error, \
-                     relative_std, sigmas",
-                    wanted.name
-                ));
-            }
+        match job {
+            Job::Fit => self.parameters.iter().try_for_each(ExpectParameter::check),
+            Job::Study { .. } => Ok(()),
+            Job::Compensate(wanted) => self.check_compensation(wanted),
+            Job::Loop(wanted) => self.check_loop(wanted),
+            Job::Map(wanted) => self.check_map(wanted, setup),
+            Job::Drill(wanted) => self.check_drill(wanted),
         }
-        Ok(())
     }
 }
 
-impl Expect {
-    /// Refuses expectations of a fit in a scenario with a table that does something else: what that reports, and its own
-    /// expectations.
-    ///
-    /// # Errors
-    /// A sentence that names the key.
-    pub fn check_instead(&self, table: &str, reports: &str, own: &str) -> Result<(), String> {
-        if self.is_of_fit() {
-            return Err(format!(
-                "[expect] of a fit in a scenario with {table}, which reports {reports}; it would check nothing; accepted: \
-                 {own}"
-            ));
-        }
-        Ok(())
-    }
+/// A range, both ends in it.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(try_from = "[f64; 2]")]
+pub struct Range {
+    least: f64,
+    most: f64,
+}
 
-    /// Is anything expected of a fit?
-    fn is_of_fit(&self) -> bool {
-        self.converged.is_some()
-            || self.fit_position_rms_mm.is_some()
-            || self.heldout_position_rms_mm.is_some()
-            || self.whitened_rms.is_some()
-            || !self.parameters.is_empty()
+impl TryFrom<[f64; 2]> for Range {
+    type Error = String;
+
+    fn try_from([least, most]: [f64; 2]) -> Result<Self, String> {
+        if least <= most {
+            Ok(Self { least, most })
+        } else {
+            Err(format!(
+                "[{least}, {most}] holds no number; accepted: [least, most]"
+            ))
+        }
     }
 }
 
@@ -143,13 +157,13 @@ pub struct Check {
 }
 
 /// Inside a range, if one is asked for.
-fn within(what: &str, found: f64, range: Option<[f64; 2]>) -> Option<Check> {
-    let [low, high] = range?;
+fn within(what: &str, found: f64, range: Option<Range>) -> Option<Check> {
+    let Range { least, most } = range?;
     Some(Check {
         what: what.to_owned(),
         found: number(found),
-        accepted: format!("{} to {}", number(low), number(high)),
-        met: (low..=high).contains(&found),
+        accepted: format!("{} to {}", number(least), number(most)),
+        met: (least..=most).contains(&found),
     })
 }
 
@@ -161,5 +175,16 @@ fn at_most(what: &str, found: f64, limit: Option<f64>) -> Option<Check> {
         found: number(found),
         accepted: format!("at most {}", number(limit)),
         met: found <= limit,
+    })
+}
+
+/// At least a limit, if one is asked for.
+fn at_least(what: &str, found: f64, limit: Option<f64>) -> Option<Check> {
+    let limit = limit?;
+    Some(Check {
+        what: what.to_owned(),
+        found: number(found),
+        accepted: format!("at least {}", number(limit)),
+        met: found >= limit,
     })
 }
