@@ -4,6 +4,7 @@
 //! standard types on standard topics; `misfit_msgs/msg/Reading` has the rest. The
 //! campaign file and the robot file are attached. Only this module speaks to the MCAP library.
 
+mod bag;
 mod cloud;
 mod description;
 mod error;
@@ -12,6 +13,7 @@ mod read;
 mod transforms;
 mod write;
 
+pub use bag::{Bag, PoseSample, Samples, Stamp, Topic, is_bag, read_bag};
 pub use cloud::{Cloud, write_clouds};
 pub use error::RecordingError;
 pub use read::read_campaign;
