@@ -6,7 +6,7 @@ MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights map drill
 BLIND     = rich noise outliers form alias
 
-.PHONY: run test setup build format lint unit examples scenarios blind blind-all pictures doc bench
+.PHONY: run test setup build format lint unit examples scenarios blind blind-all pictures doc bench bags
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
@@ -46,6 +46,12 @@ blind: build
 # the same with outliers, a misstated noise, and laws of another form besides
 blind-all: build
 	@set -e; for name in $(BLIND); do $(MISFIT) sweep scenarios/blind/$$name.toml; echo; done
+
+# bags by two writers that are not ours (PyPI: rosbags, mcap-ros2-support) become the same campaign
+bags: build
+	test -x target/bags-venv/bin/python || python3 -m venv target/bags-venv
+	target/bags-venv/bin/pip install --quiet rosbags==0.11.9 mcap-ros2-support==0.6.0
+	target/bags-venv/bin/python .ci/bag.py $(MISFIT) target/bags
 
 # the pictures of the README
 pictures: build

@@ -28,7 +28,7 @@ const MOST_STEPS: f64 = 5e6;
 const MOST_POINTS: usize = 20_000;
 /// Parts of the record that are estimated by themselves, and the fewest points of one.
 const PARTS: usize = 8;
-const FEWEST_POINTS: usize = 40;
+const FEWEST_POINTS: usize = 8;
 /// A drift is believed, and applied, from so many standard deviations on (Student's t of six degrees of freedom: p = 0.002).
 const DRIFT_SIGNIFICANCE: f64 = 5.0;
 
@@ -498,7 +498,8 @@ impl LeastSquares<'_> {
         for (k, (_, slope, _)) in rows.iter().enumerate() {
             sum += slope * slope;
             let due = whole * (estimates.len() + 1) as f64 / PARTS as f64;
-            if sum < due && k + 1 < rows.len() {
+            // the last part goes to the end
+            if (sum < due || estimates.len() + 1 == PARTS) && k + 1 < rows.len() {
                 continue;
             }
             let part = &rows[first..=k];
