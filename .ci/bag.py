@@ -48,7 +48,7 @@ def motion():
     """Stops of 2 s, and smooth moves of 1 to 2.5 s between them: (time, joints) at 100 Hz."""
     draw = random.Random(7)
     stops = [[draw.uniform(-1, 1) for _ in range(3)] for _ in range(9)]
-    stops += stops[::-1][1:]
+    stops += stops[::-1][1:] + stops[1:]
     samples, time = [], 0.0
     for last, to in zip([None] + stops, stops):
         moving = 0.0 if last is None else draw.uniform(1.0, 2.5)

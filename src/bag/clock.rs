@@ -498,18 +498,18 @@ impl LeastSquares<'_> {
         for (k, (_, slope, _)) in rows.iter().enumerate() {
             sum += slope * slope;
             let due = whole * (estimates.len() + 1) as f64 / PARTS as f64;
-            // the last part goes to the end
-            if (sum < due || estimates.len() + 1 == PARTS) && k + 1 < rows.len() {
+            let open = sum < due || k + 1 - first < FEWEST_POINTS || estimates.len() + 1 == PARTS;
+            if open && k + 1 < rows.len() {
                 continue;
             }
             let part = &rows[first..=k];
             first = k + 1;
             let weight: f64 = part.iter().map(|(_, slope, _)| slope * slope).sum();
-            if part.len() < FEWEST_POINTS || weight <= 0.0 {
-                return (None, None, middle);
+            // what is left at the end may be too little
+            if weight > whole / (2.0 * PARTS as f64) {
+                let off: f64 = part.iter().map(|(_, slope, left)| slope * left).sum();
+                estimates.push((mean(part) - middle, off / weight));
             }
-            let off: f64 = part.iter().map(|(_, slope, left)| slope * left).sum();
-            estimates.push((mean(part) - middle, off / weight));
         }
         let n = estimates.len();
         if n < 4 {

@@ -10,7 +10,7 @@ pub mod stream;
 pub use readings::{Drop, Dwells, Scatter};
 pub use spec::{ClockSpec, DwellSpec, Spec, TargetSpec};
 
-use crate::campaign::{Campaign, CampaignError, Frame};
+use crate::campaign::{Campaign, CampaignError, Frame, Wrench};
 use crate::recording::{Bag, PoseSample, RecordingError, Samples, Stamp};
 use crate::robot::JointKind;
 use crate::setup::Setup;
@@ -93,7 +93,7 @@ struct Tracked {
     /// One a position, where measured.
     orientation: Option<Vec<UnitQuaternion<f64>>>,
     /// N and N·m on the arm at the target link's origin, in that link's frame.
-    wrench: Option<Series<(Vector3<f64>, Vector3<f64>)>>,
+    wrench: Option<Series<Wrench>>,
 }
 
 /// Makes a campaign of a bag whose topics were read.
@@ -420,7 +420,7 @@ fn wrenches(
     joints: &Series<Vec<f64>>,
     start: i64,
     import: &mut Import,
-) -> Result<Series<(Vector3<f64>, Vector3<f64>)>, ImportError> {
+) -> Result<Series<Wrench>, ImportError> {
     let empty = (String::new(), Vec::new());
     let (frame, samples) = match bag.samples.get(topic) {
         Some(Samples::Wrenches(frame, samples)) => (frame, samples),
@@ -442,20 +442,24 @@ fn wrenches(
     let role = format!("wrench {}", spec.settings.targets[index].name);
     let rows = samples.iter().map(|(stamp, force, torque)| {
         let sign = target.wrench_sign;
-        (*stamp, (force * sign, torque * sign))
+        let wrench = Wrench {
+            force: force * sign,
+            torque: torque * sign,
+        };
+        (*stamp, wrench)
     });
     let (mut series, report) = stream::series(
         (topic, WRENCH_TYPES[0], &role),
         rows.collect(),
         start,
-        |(f, t)| f.iter().chain(t).all(|x| x.is_finite()),
+        |w| w.force.iter().chain(&w.torque).all(|x| x.is_finite()),
     );
     let joints_lag = import.streams.first().map_or(0.0, |s| s.stamp_less_log_s);
     let by_log = report.stamp_less_log_s - joints_lag;
     import.streams.push(report);
     let forces = Series {
         times: series.times.clone(),
-        values: series.values.iter().map(|(force, _)| *force).collect(),
+        values: series.values.iter().map(|w| w.force).collect(),
         gap: series.gap,
     };
     let path = Path::of_gravity(robot, sensor, joints, &spec.settings.gravity);
@@ -470,10 +474,10 @@ fn wrenches(
     shift(&mut series.times, &offset);
     let own_from_sensor: Isometry3<f64> =
         robot.links[own].body_from_link.inverse() * robot.links[sensor].body_from_link;
-    for (force, torque) in &mut series.values {
-        *force = own_from_sensor.rotation * *force;
-        *torque =
-            own_from_sensor.rotation * *torque + own_from_sensor.translation.vector.cross(force);
+    for wrench in &mut series.values {
+        wrench.force = own_from_sensor.rotation * wrench.force;
+        wrench.torque = own_from_sensor.rotation * wrench.torque
+            + own_from_sensor.translation.vector.cross(&wrench.force);
     }
     Ok(series)
 }

@@ -118,7 +118,7 @@ pub(super) fn readings(spec: &Spec, joints: &Series<Vec<f64>>, tracked: &[Tracke
         .into_iter()
         .partition(|stop| stop.to - stop.from >= least);
     for stop in &short {
-        drop(None, format!("shorter than {least} s"), stop.from - zero);
+        drop(None, format!("shorter than {least:.2} s"), stop.from - zero);
     }
     let found = long.len() + short.len();
     let (stops, left_out) = merge(joints, long, rule.same_pose_rad);
@@ -153,10 +153,9 @@ pub(super) fn readings(spec: &Spec, joints: &Series<Vec<f64>>, tracked: &[Tracke
             continue;
         }
         dwells.read += 1;
-        let near = |(posture, _): &&mut (Vec<f64>, usize)| {
-            apart(posture, &stop.joints) < rule.same_pose_rad
-        };
-        let place = postures.iter_mut().position(|mut p| near(&&mut p));
+        let place = postures
+            .iter()
+            .position(|(posture, _)| apart(posture, &stop.joints) < rule.same_pose_rad);
         let place = place.unwrap_or_else(|| {
             postures.push((stop.joints.clone(), 0));
             postures.len() - 1
@@ -255,7 +254,8 @@ fn read(
                 return Err("no wrench".into());
             }
             enough("wrench", own.len())?;
-            let (forces, torques): (Vec<_>, Vec<_>) = own.iter().copied().unzip();
+            let (forces, torques): (Vec<_>, Vec<_>) =
+                own.iter().map(|w| (w.force, w.torque)).unzip();
             Some((points(&forces), points(&torques)))
         }
     };
