@@ -29,7 +29,7 @@ impl Cdr {
     }
 
     fn align(&mut self, size: usize) {
-        while (self.bytes.len() - 4) % size != 0 {
+        while !(self.bytes.len() - 4).is_multiple_of(size) {
             self.bytes.push(0);
         }
     }
