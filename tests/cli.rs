@@ -223,7 +223,7 @@ fn the_truth_is_in_its_own_file_alone() {
         }
     }
     let recording = fs::read(lab().join("cell.mcap")).unwrap();
-    for word in ["joint_compliance", "truth", "[design]"] {
+    for word in ["joint_compliance", "truth", "[expect"] {
         let holds = recording.windows(word.len()).any(|w| w == word.as_bytes());
         assert!(!holds, "{word} in the recording");
     }
@@ -2087,4 +2087,117 @@ fn plans_that_cannot_be_made_are_refused() {
         let ran = run(at, &[&["plan", "cell.toml"], words].concat());
         assert_eq!(ran.code, Some(2), "{words:?}: {}", ran.err);
     }
+}
+
+#[test]
+fn what_was_found_is_recorded() {
+    use misfit::campaign::Split;
+    use misfit::recording::{Results, read_recording};
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    write(at, "cell.toml", &cell());
+    let recorded = |words: &[&str], file: &str| {
+        let ran = run(at, words);
+        assert_eq!(ran.code, Some(0), "{words:?}: {}{}", ran.out, ran.err);
+        let recording = read_recording(&at.join(file)).unwrap();
+        let results: Results = recording.results.unwrap();
+        // what is recorded of each reading has the error that is said of all
+        for step in &results.steps {
+            let pairs = recording.campaign.readings.iter().zip(&step.predicted);
+            let squares: Vec<f64> = pairs
+                .filter(|(reading, _)| reading.split == Split::Fit)
+                .map(|(r, p)| (r.position - p.translation.vector).norm_squared())
+                .collect();
+            let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+            assert!(
+                (rms / step.fitted_rms_m - 1.0).abs() < 1e-9,
+                "{}: {rms}",
+                step.added
+            );
+        }
+        let names: Vec<String> = results.steps.iter().map(|s| s.added.clone()).collect();
+        (ran, names, recording.attachments, results)
+    };
+    let cell = lab().join("cell.mcap");
+    let cell = cell.to_str().unwrap();
+
+    let words = ["ladder", cell, "--record", "ladder.mcap", "--json"];
+    let (ran, names, files, results) = recorded(&words, "ladder.mcap");
+    let said: Value = serde_json::from_str(&ran.out).unwrap();
+    let rungs: Vec<&str> = said["rungs"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|rung| rung["added"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, rungs);
+    assert!(names.len() > 2 && names[0] == "nominal", "{names:?}");
+    let kept: Value = serde_json::from_slice(&files["result.json"]).unwrap();
+    assert_eq!(kept, said);
+    assert!(
+        results.verdict.contains("nothing more is detectable"),
+        "{}",
+        results.verdict
+    );
+    assert!(results.progress.iter().any(|p| p.step > 0));
+    // the file is a campaign still, its model a model
+    fs::write(at.join("m.toml"), &files["model.toml"]).unwrap();
+    let (_, names, ..) = recorded(
+        &[
+            "fit",
+            "ladder.mcap",
+            "--model",
+            "m.toml",
+            "--record",
+            "fit.mcap",
+        ],
+        "fit.mcap",
+    );
+    assert_eq!(names, ["nominal", "fitted"]);
+    let words = ["diagnose", cell, "--record", "diagnosis.mcap"];
+    let (ran, names, ..) = recorded(&words, "diagnosis.mcap");
+    assert_eq!(names[..2], ["nominal", "model"]);
+    assert!(
+        ran.out.contains("misfit replay diagnosis.mcap"),
+        "{}",
+        ran.out
+    );
+    // nothing is written over what is read
+    refused(
+        at,
+        &["fit", "fit.mcap", "--record", "fit.mcap"],
+        &["fit.mcap", "read here"],
+    );
+
+    let (_, names, files, results) = recorded(&["run", "cell.toml", "-o", "out"], "out/cell.mcap");
+    assert_eq!(names, ["nominal", "fitted"]);
+    let scenario = String::from_utf8(files["scenario.toml"].clone()).unwrap();
+    assert!(
+        scenario.contains("[design]") && !scenario.contains("truth"),
+        "{scenario}"
+    );
+    // commands for poses are recorded as such
+    let words = [
+        "compensate",
+        "fit.mcap",
+        "--tasks",
+        "t.csv",
+        "-o",
+        "commands.mcap",
+    ];
+    let seen = &results.steps[0].predicted[0];
+    let (t, q) = (seen.translation, seen.rotation);
+    let row = [t.x, t.y, t.z, q.w, q.i, q.j, q.k].map(|x| x.to_string());
+    write(
+        at,
+        "t.csv",
+        &format!("x_m,y_m,z_m,qw,qx,qy,qz\n{}\n", row.join(",")),
+    );
+    let ran = run(at, &words);
+    assert_eq!(ran.code, Some(0), "{}{}", ran.out, ran.err);
+    refused(
+        at,
+        &["fit", "commands.mcap"],
+        &["commands.mcap", "nobody measured"],
+    );
 }

@@ -7,7 +7,8 @@ use crate::fit::{self, Options};
 use crate::model::{Model, Workspace};
 use crate::plan::Limits;
 use crate::plan::space::{Space, generator};
-use crate::{model_file, recording, report};
+use crate::recording::{Beside, Holds, write_campaign};
+use crate::{model_file, report};
 use anyhow::Context;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use rayon::prelude::*;
@@ -213,14 +214,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             })
             .collect();
         let count = commands.readings.len();
-        if path.extension().is_some_and(|ending| ending == "mcap") {
-            recording::write_campaign(&commands, path, &Default::default(), &[])?;
-        } else {
+        let is_recording = path.extension().is_some_and(|ending| ending == "mcap");
+        if is_recording && count > 0 {
+            let metadata = [("misfit".to_owned(), env!("CARGO_PKG_VERSION").to_owned())];
+            let beside = Beside {
+                holds: Holds::Commands,
+                metadata: metadata.into(),
+                ..Beside::default()
+            };
+            write_campaign(&commands, path, &beside)?;
+        } else if !is_recording {
             let bytes = render_commands(&commands)?;
             write_atomically(path, |file| file.write_all(&bytes))
                 .with_context(|| format!("{}: cannot be written", path.display()))?;
         }
-        written = Some(format!("{} · {} commands", path.display(), count));
+        written = Some(match is_recording && count == 0 {
+            true => format!("{} was not written: no task is reached", path.display()),
+            false => format!("{} · {} commands", path.display(), count),
+        });
     }
     if arguments.json {
         print_json(&report::compensate::document(

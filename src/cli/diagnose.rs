@@ -1,9 +1,10 @@
 //! `misfit diagnose`.
 
+use super::record::Record;
 use super::{Outcome, print, print_json, progress, report as pages};
 use crate::campaign::Campaign;
 use crate::diagnosis::{self, Diagnosis};
-use crate::fit::Options;
+use crate::fit::{self, Options};
 use crate::report::format::WIDTH;
 use crate::report::html::{Origin, Results};
 use crate::{model_file, report};
@@ -33,6 +34,8 @@ pub struct Arguments {
     /// Write the result as one HTML page too, with pictures.
     #[arg(long, value_name = "FILE.html", value_parser = pages::html_path)]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    record: Record,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -50,6 +53,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             &[arguments.candidates.as_deref()],
         )?;
     }
+    let others = [arguments.candidates.as_deref(), arguments.model.as_deref()];
+    arguments.record.spare(&arguments.campaign, &others)?;
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     let model = model_file::model(
@@ -99,11 +104,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         .is_none()
         .then(|| format!("misfit ladder {path}{tried}"));
     let commands: Vec<String> = add.into_iter().chain(apart).chain(ladder).collect();
+    let effects = arguments.effects.as_ref();
+    let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
+    let command = format!("misfit diagnose {path}{given}{effects}{tried}");
+    let document = report::diagnosis::document(&found, next.as_ref());
+    let mut recorded = String::new();
+    if arguments.record.record.is_some() {
+        let frames = model_file::frames_only(&campaign)?;
+        let frames = fit::fit(&campaign, &frames, &options, |_| {})?;
+        recorded = arguments.record.write(
+            &campaign,
+            || report::recording::of_diagnosis(&campaign, &frames, &found),
+            &found.fit.model,
+            &document,
+            &command,
+        )?;
+    }
     if let Some(file) = &arguments.report {
-        let effects = arguments.effects.as_ref();
-        let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
         let origin = Origin {
-            command: format!("misfit diagnose {path}{given}{effects}{tried}"),
+            command,
             next: commands.clone(),
             seed: None,
         };
@@ -115,11 +134,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     spinner.finish_and_clear();
     if arguments.json {
-        print_json(&report::diagnosis::document(&found, next.as_ref()))?;
+        print_json(&document)?;
     } else {
         let mut text = report::diagnosis::text(&campaign, &found, next.as_ref());
         if let Some(file) = &arguments.report {
             text += &format!("\n{}\n", pages::line(file));
+        }
+        if !recorded.is_empty() {
+            text += &format!("\n{recorded}");
         }
         if !commands.is_empty() {
             let side = commands.join("     or     ");

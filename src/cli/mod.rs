@@ -1,6 +1,7 @@
 //! The command line: one file a command.
 
 mod compensate;
+mod completions;
 mod diagnose;
 mod drill;
 mod effects;
@@ -11,15 +12,18 @@ mod map;
 mod pictures;
 mod plan;
 mod progress;
+mod record;
 mod report;
 mod run;
 mod simulate;
 mod sweep;
+mod terminal;
 
 use anyhow::Context;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use terminal::{print, print_json};
 
 /// A virtual calibration lab for serial robot arms.
 ///
@@ -30,6 +34,9 @@ use std::process::ExitCode;
 struct Arguments {
     #[command(subcommand)]
     command: Command,
+    /// Print nothing but errors, and what --json asks for.
+    #[arg(short, long, global = true)]
+    quiet: bool,
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 done; 1 could not do it; 2 wrong usage; 3 done, but an [expect] was \
@@ -50,6 +57,8 @@ enum Command {
     Run(run::Arguments),
     Effects(effects::Arguments),
     Sweep(sweep::Arguments),
+    Completions(completions::Completions),
+    Man(completions::Manual),
 }
 
 /// How a command ended when it did what it was asked.
@@ -64,6 +73,9 @@ pub enum Outcome {
 /// Parses, runs, says what went wrong.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    if arguments.quiet {
+        terminal::be_quiet();
+    }
     let result = match arguments.command {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
@@ -78,6 +90,8 @@ pub fn main() -> ExitCode {
         Command::Run(arguments) => run::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),
+        Command::Completions(arguments) => completions::completions(&arguments),
+        Command::Man(arguments) => completions::manual(&arguments),
     };
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
@@ -151,18 +165,4 @@ fn closed_pipe(error: &anyhow::Error) -> bool {
     error
         .downcast_ref::<std::io::Error>()
         .is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
-}
-
-/// Writes results to stdout.
-fn print(text: &str) -> anyhow::Result<()> {
-    use std::io::Write;
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())?;
-    out.flush()?;
-    Ok(())
-}
-
-/// Writes a result document to stdout.
-fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
-    print(&(serde_json::to_string_pretty(document)? + "\n"))
 }
