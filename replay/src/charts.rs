@@ -9,7 +9,7 @@ use crate::scene::{quantile, round_up};
 use crate::words::millimetres;
 use crate::{Drawn, Scene};
 use misfit::robot::JointKind;
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 use rerun::{Color, LineStrips2D, Points2D, Radius, RecordingStream};
 
 /// Of a chart's box.
@@ -333,7 +333,7 @@ fn progress(stream: &RecordingStream, scene: &Scene) -> Logged {
     labels(stream, "charts/progress/iterations", &ticks)?;
     let key: Vec<([f64; 2], String)> = vec![(
         [WIDTH / 2.0, -5.0],
-        "cost of the fits (half the sum of squared residuals over their noise) against iteration".to_owned(),
+        "cost of the fits (sum of squared residuals over their noise) against iteration".to_owned(),
     )];
     labels(stream, "charts/progress/key", &key)
 }
@@ -386,7 +386,8 @@ fn by_step(
     let columns = |rows: &[Vec<[f32; 2]>]| {
         Points2D::update_fields()
             .with_positions(rows.iter().flatten().copied())
-            .columns(rows.iter().map(Vec::len))
+            .columns(rows.iter().map(Vec::len).collect::<Vec<_>>())
+            .map(Iterator::collect::<Vec<_>>)
     };
     stream.send_columns(entity.clone(), steps(all.len()), columns(all)?)?;
     let last = &all[all.len() - 1..];
@@ -406,7 +407,8 @@ fn named(
     let columns = |rows: &[Vec<String>]| {
         Points2D::update_fields()
             .with_labels(rows.iter().flatten().cloned())
-            .columns(rows.iter().map(Vec::len))
+            .columns(rows.iter().map(Vec::len).collect::<Vec<_>>())
+            .map(Iterator::collect::<Vec<_>>)
     };
     stream.send_columns(entity.clone(), steps(words.len()), columns(words)?)?;
     stream.send_columns(entity, beginning(scene), columns(&words[words.len() - 1..])?)

@@ -82,7 +82,7 @@ fn wrenches(stream: &RecordingStream, scene: &Scene, target: usize, name: &str) 
         return Ok(());
     }
     let indices: Vec<usize> = measured.iter().map(|(index, _)| *index).collect();
-    let mut send = |folder: &str, curve_name: &str, colour: usize, value: &dyn Fn(&Wrench) -> f64| {
+    let send = |folder: &str, curve_name: &str, colour: usize, value: &dyn Fn(&Wrench) -> f64| {
         let values = measured.iter().map(|(_, wrench)| value(wrench)).collect();
         let entity = ["plots", folder, name, curve_name];
         line(stream, scene, &entity, curve_name, colour, &indices, values)

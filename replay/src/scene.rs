@@ -2,7 +2,7 @@
 
 use misfit::campaign::{Campaign, Frame};
 use misfit::fit::start;
-use misfit::recording::{Recording, Step};
+use misfit::recording::{Holds, Recording, Step};
 use misfit::setup::Setup;
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeSet;
@@ -65,7 +65,7 @@ impl<'a> Scene<'a> {
             .collect();
         let (base_from_tracker, made) = steps(recording, &nominal);
         let steps: Vec<Drawn> = match base_from_tracker {
-            Some(place) if !recording.commands => {
+            Some(place) if !commands(recording) => {
                 let steps = made.iter().enumerate();
                 steps
                     .map(|(index, step)| Drawn::of(campaign, index, step, &place))
@@ -116,6 +116,11 @@ impl<'a> Scene<'a> {
             .collect()
     }
 
+    /// Were these wanted and not measured?
+    pub fn commands(&self) -> bool {
+        commands(self.recording)
+    }
+
     /// Links that a target is fixed to, with the target's index and name.
     pub fn targets(&self) -> impl Iterator<Item = (usize, &str, usize)> {
         let targets = self.recording.campaign.targets.iter().enumerate();
@@ -148,6 +153,10 @@ impl Drawn {
     }
 }
 
+fn commands(recording: &Recording) -> bool {
+    recording.holds == Holds::Commands
+}
+
 /// Nominal links in the base frame.
 fn links(campaign: &Campaign, joints: &[f64]) -> Vec<Isometry3<f64>> {
     let bodies = campaign.robot.body_poses(joints);
@@ -169,11 +178,11 @@ fn steps(
         return (Some(last.base_from_tracker), results.steps.clone());
     }
     if let Frame::Known(place) = campaign.base_from_tracker
-        && recording.commands
+        && commands(recording)
     {
         return (Some(place), Vec::new());
     }
-    if recording.commands || postures(campaign) < FEWEST_POSTURES {
+    if commands(recording) || postures(campaign) < FEWEST_POSTURES {
         return (None, Vec::new());
     }
     let all: Vec<_> = campaign.readings.iter().collect();

@@ -32,7 +32,7 @@ pub fn send(stream: &RecordingStream, scene: &Scene) -> Logged {
 }
 
 /// The verdict, if there is one.
-pub fn verdict(scene: &Scene) -> Option<&str> {
+pub fn verdict<'a>(scene: &'a Scene<'_>) -> Option<&'a str> {
     let results = scene.recording.results.as_ref()?;
     (!results.verdict.trim().is_empty()).then_some(&results.verdict)
 }
@@ -46,7 +46,7 @@ fn about(scene: &Scene) -> String {
         .targets()
         .map(|(_, name, link)| format!("{name} on {}", campaign.robot.links[link].name))
         .collect();
-    let what = if scene.recording.commands { "commands" } else { "readings" };
+    let what = if scene.commands() { "commands" } else { "readings" };
     let mut text = format!(
         "# {}\n\nrobot **{}** · {count} {what}{} · {}\n\n",
         campaign.name,
@@ -58,7 +58,9 @@ fn about(scene: &Scene) -> String {
         targets.join(", ")
     );
     // writing to a string cannot fail
-    let mut line = |words: String| drop(writeln!(text, "{words}"));
+    let mut line = |words: String| {
+        let _ = writeln!(text, "{words}");
+    };
     let fitted = scene.recording.results.is_some();
     if fitted {
         line("| step | fitted, rms | held out, rms |\n|---|---|---|".to_owned());
@@ -95,7 +97,7 @@ fn about(scene: &Scene) -> String {
             line("- Of the current reading: measured (green), by the nominal robot (grey)".to_owned()
                 + if fitted { ", fitted (orange)." } else { "." });
         }
-        None if scene.recording.commands => {
+        None if scene.commands() => {
             line("- Nothing was measured: these are commands.".to_owned());
         }
         None => line(
