@@ -138,7 +138,11 @@ fn angles(stream: &RecordingStream, scene: &Scene) -> Logged {
             JointKind::Revolute | JointKind::Continuous => (180.0 / std::f64::consts::PI, "°"),
         };
         let low = along.angles.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = along.angles.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let high = along
+            .angles
+            .iter()
+            .copied()
+            .fold(f64::NEG_INFINITY, f64::max);
         if low >= high {
             continue;
         }
@@ -243,8 +247,16 @@ fn ladder(stream: &RecordingStream, scene: &Scene) -> Logged {
     let x = |step: usize| WIDTH * (step as f64 + 0.5) / scene.steps.len() as f64;
     decades.send(stream, "charts/ladder", &|value| millimetres(value))?;
     let kinds: [(&str, [u8; 3], Vec<Option<f64>>); 2] = [
-        ("fitted", COLOURS[0], scene.steps.iter().map(|s| Some(s.rms.0)).collect()),
-        ("held_out", COLOURS[1], scene.steps.iter().map(|s| s.rms.1).collect()),
+        (
+            "fitted",
+            COLOURS[0],
+            scene.steps.iter().map(|s| Some(s.rms.0)).collect(),
+        ),
+        (
+            "held_out",
+            COLOURS[1],
+            scene.steps.iter().map(|s| s.rms.1).collect(),
+        ),
     ];
     for (kind, colour, rms) in kinds {
         let points: Vec<[f64; 2]> = rms
@@ -256,25 +268,43 @@ fn ladder(stream: &RecordingStream, scene: &Scene) -> Logged {
             continue;
         }
         let words = rms.iter().flatten().map(|value| millimetres(*value));
-        lines(stream, &format!("charts/ladder/{kind}"), &[points.clone()], colour, 1.5)?;
-        let above = kind == "held_out" || scene.steps.iter().all(|s| s.rms.1.is_none());
+        lines(
+            stream,
+            &format!("charts/ladder/{kind}"),
+            std::slice::from_ref(&points),
+            colour,
+            1.5,
+        )?;
         let dots = Points2D::new(points.iter().map(|p| flat(*p)))
             .with_radii([Radius::new_ui_points(4.0)])
-            .with_colors([colour_of(colour)])
-            .with_labels(words)
-            .with_show_labels(above || kind == "fitted");
+            .with_colors([colour_of(colour)]);
         fixed(stream, path(["charts", "ladder", kind, "points"]), &dots)?;
+        // a label hangs below its point: those held out are moved above the line
+        let up = if kind == "held_out" { 9.5 } else { 0.0 };
+        let words = invisible()
+            .with_positions(points.iter().map(|[x, y]| flat([*x, y - up])))
+            .with_colors([colour_of(colour)])
+            .with_labels(words);
+        fixed(stream, path(["charts", "ladder", kind, "values"]), &words)?;
     }
     let names: Vec<([f64; 2], String)> = scene
         .steps
         .iter()
         .enumerate()
-        .map(|(index, step)| ([x(index), HEIGHT + 6.0 + 5.0 * (index % 2) as f64], step.name.clone()))
+        .map(|(index, step)| {
+            (
+                [x(index), HEIGHT + 6.0 + 5.0 * (index % 2) as f64],
+                step.name.clone(),
+            )
+        })
         .collect();
     labels(stream, "charts/ladder/steps", &names)?;
     let mut key = vec![([14.0, -5.0], "rms position error, fitted (blue)".to_owned())];
     if scene.steps.iter().any(|step| step.rms.1.is_some()) {
-        key[0] = ([30.0, -5.0], "rms position error: fitted (blue), held out (orange)".to_owned());
+        key[0] = (
+            [30.0, -5.0],
+            "rms position error: fitted (blue), held out (orange)".to_owned(),
+        );
     }
     labels(stream, "charts/ladder/key", &key)?;
     // a bar that goes along with the step
@@ -288,7 +318,11 @@ fn ladder(stream: &RecordingStream, scene: &Scene) -> Logged {
         let strips = range.map(|step| vec![flat([x(step), 0.0]), flat([x(step), HEIGHT])]);
         LineStrips2D::new(strips).columns(vec![1; count])
     };
-    stream.send_columns(entity, steps(scene.steps.len()), bars(0..scene.steps.len())?)
+    stream.send_columns(
+        entity,
+        steps(scene.steps.len()),
+        bars(0..scene.steps.len())?,
+    )
 }
 
 /// Cost of every fit, iteration by iteration, on a logarithmic scale.
@@ -297,12 +331,21 @@ fn progress(stream: &RecordingStream, scene: &Scene) -> Logged {
         return Ok(());
     };
     let all = &results.progress;
-    let costs: Vec<f64> = all.iter().map(|p| p.cost).filter(|cost| *cost > 0.0).collect();
+    let costs: Vec<f64> = all
+        .iter()
+        .map(|p| p.cost)
+        .filter(|cost| *cost > 0.0)
+        .collect();
     let Some(decades) = Decades::of(&costs) else {
         return Ok(());
     };
     decades.send(stream, "charts/progress", &|cost| format!("{cost:e}"))?;
-    let last = all.iter().map(|p| p.iteration).max().unwrap_or_default().max(1);
+    let last = all
+        .iter()
+        .map(|p| p.iteration)
+        .max()
+        .unwrap_or_default()
+        .max(1);
     let x = |iteration: u32| WIDTH * (0.02 + 0.96 * f64::from(iteration) / f64::from(last));
     for (step, drawn) in results.steps.iter().enumerate() {
         let points: Vec<[f64; 2]> = all
@@ -315,16 +358,21 @@ fn progress(stream: &RecordingStream, scene: &Scene) -> Logged {
         };
         let name = format!("{step}_{}", drawn.added);
         let colour = COLOURS[step % COLOURS.len()];
-        let entity = format!("charts/progress/{}", crate::log::text([name.as_str()]).trim_start_matches('/'));
+        let entity = format!(
+            "charts/progress/{}",
+            crate::log::text([name.as_str()]).trim_start_matches('/')
+        );
         lines(stream, &entity, std::slice::from_ref(&points), colour, 1.5)?;
         let dots = points.iter().map(|p| flat(*p));
-        let mut words = vec![String::new(); points.len() - 1];
-        words.push(name);
         let dots = Points2D::new(dots)
             .with_radii([Radius::new_ui_points(3.0)])
             .with_colors([colour_of(colour)]);
         fixed(stream, format!("{entity}/iterations"), &dots)?;
-        let _ = (end, words);
+        let label = invisible()
+            .with_positions([flat([end[0], end[1] + 0.5])])
+            .with_colors([colour_of(colour)])
+            .with_labels([name]);
+        fixed(stream, format!("{entity}/name"), &label)?;
     }
     let ticks: Vec<([f64; 2], String)> = (0..=last)
         .step_by((last as usize).div_ceil(8).max(1))
@@ -411,7 +459,11 @@ fn named(
             .map(Iterator::collect::<Vec<_>>)
     };
     stream.send_columns(entity.clone(), steps(words.len()), columns(words)?)?;
-    stream.send_columns(entity, beginning(scene), columns(&words[words.len() - 1..])?)
+    stream.send_columns(
+        entity,
+        beginning(scene),
+        columns(&words[words.len() - 1..])?,
+    )
 }
 
 /// Words without points.
@@ -436,7 +488,9 @@ fn lines(
     colour: [u8; 3],
     size: f32,
 ) -> Logged {
-    let strips = strips.iter().map(|strip| strip.iter().map(|p| flat(*p)).collect::<Vec<_>>());
+    let strips = strips
+        .iter()
+        .map(|strip| strip.iter().map(|p| flat(*p)).collect::<Vec<_>>());
     let all = LineStrips2D::new(strips)
         .with_radii([Radius::new_ui_points(size)])
         .with_colors([colour_of(colour)])

@@ -3,20 +3,21 @@
 //! Rerun's builder has no eye, no bounds and no hidden entities, so the same archetypes are logged here by hand, with names
 //! that are the same each time.
 
-use crate::log::{READING, text};
+use crate::log::{READING, TIME, text};
 use crate::plots::{joint_folder, torque_folder};
 use crate::robots::{FITTED, magnified};
 use crate::scale::eye;
 use crate::{APPLICATION, Scene, charts, words};
 use nalgebra::Point3;
-use rerun::datatypes::{Range1D, Range2D, Uuid};
+use rerun::datatypes::{Range1D, Range2D, TimeRange, TimeRangeBoundary, Uuid};
 use rerun::external::re_log_types::BlueprintActivationCommand;
 use rerun::external::re_sdk_types::blueprint::archetypes::{
-    ContainerBlueprint, EntityBehavior, EyeControls3D, LineGrid3D, PanelBlueprint, PlotLegend,
-    TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint, VisualBounds2D,
+    Background, ContainerBlueprint, EntityBehavior, EyeControls3D, LineGrid3D, PanelBlueprint,
+    PlotLegend, TimeAxis, TimePanelBlueprint, ViewBlueprint, ViewContents, ViewportBlueprint,
+    VisualBounds2D,
 };
 use rerun::external::re_sdk_types::blueprint::components::{
-    ContainerKind, Corner2D, PanelState, PlayState,
+    BackgroundKind, ContainerKind, Corner2D, PanelState, PlayState,
 };
 use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamResult};
 
@@ -45,7 +46,7 @@ pub fn send(stream: &RecordingStream, scene: &Scene) -> RecordingStreamResult<()
     blueprint.log("selection_panel", &panel(PanelState::Collapsed))?;
     let time = TimePanelBlueprint::new()
         .with_state(PanelState::Collapsed)
-        .with_timeline(READING)
+        .with_timeline(if scene.process() { TIME } else { READING })
         .with_play_state(PlayState::Paused)
         .with_fps(5.0);
     blueprint.log("time_panel", &time)?;
@@ -83,8 +84,18 @@ impl Layout<'_> {
         }
         texts.push(self.view("TextDocument", "About", "about", &["$origin"])?);
         let texts = self.container(ContainerKind::Tabs, "words", &texts, &[])?;
-        let right = self.container(ContainerKind::Vertical, "beside", &[tabs, texts], &[3.0, 2.0])?;
-        let whole = self.container(ContainerKind::Horizontal, "all", &[cell, right], &[3.0, 2.0])?;
+        let right = self.container(
+            ContainerKind::Vertical,
+            "beside",
+            &[tabs, texts],
+            &[3.0, 2.0],
+        )?;
+        let whole = self.container(
+            ContainerKind::Horizontal,
+            "all",
+            &[cell, right],
+            &[3.0, 2.0],
+        )?;
         Ok(whole.id)
     }
 
@@ -97,14 +108,19 @@ impl Layout<'_> {
         let point = |p: Point3<f64>| [p.x as f32, p.y as f32, p.z as f32];
         let eye = EyeControls3D::new()
             .with_position(point(eye(scene)))
-            .with_look_target(point(scene.centre))
+            .with_look_target(point(scene.focus))
             .with_eye_up([0.0, 0.0, 1.0f32]);
-        self.stream.log(format!("{}/EyeControls3D", view.path), &eye)?;
+        self.stream
+            .log(format!("{}/EyeControls3D", view.path), &eye)?;
+        let dark = Background::new(BackgroundKind::SolidColor).with_color([26u8, 29, 34, 255]);
+        self.stream
+            .log(format!("{}/Background", view.path), &dark)?;
         let grid = LineGrid3D::new().with_visible(true);
-        self.stream.log(format!("{}/LineGrid3D", view.path), &grid)?;
+        self.stream
+            .log(format!("{}/LineGrid3D", view.path), &grid)?;
         for hidden in [FITTED[1].to_owned(), magnified(scene)] {
             let entity = text(["cell", &hidden]);
-            let path = format!("{}/ViewContents/overrides{entity}", view.path);
+            let path = format!("{}/ViewContents/overrides{entity}/visualizers", view.path);
             let hidden = EntityBehavior::new().with_visible(false);
             if scene.recording.results.is_some() {
                 self.stream.log(path, &hidden)?;
@@ -117,11 +133,23 @@ impl Layout<'_> {
         let mut made = Vec::new();
         let both = (charts::WIDTH, charts::HEIGHT);
         if scene.steps.len() > 1 {
-            made.push(self.flat("Ladder", "charts/ladder", (-22.0, -10.0), both, (34.0, 28.0))?);
+            made.push(self.flat(
+                "Ladder",
+                "charts/ladder",
+                (-22.0, -10.0),
+                both,
+                (34.0, 28.0),
+            )?);
         }
         if !charts::angle_boxes(scene).0.is_empty() {
             let size = charts::angle_size(scene);
-            made.push(self.flat("Error by angle", "charts/angles", (-6.0, -2.0), size, (0.0, 4.0))?);
+            made.push(self.flat(
+                "Error by angle",
+                "charts/angles",
+                (-6.0, -2.0),
+                size,
+                (0.0, 4.0),
+            )?);
         }
         let results = scene.recording.results.as_ref();
         if results.is_some_and(|results| !results.progress.is_empty()) {
@@ -142,10 +170,13 @@ impl Layout<'_> {
         if !scene.steps.is_empty() {
             folders.push(("Position error, mm", "error_mm"));
         }
-        if wrenches {
-            folders.push(("Thrust and lateral force, N", "thrust_N"));
+        if scene.process() {
+            folders.push(("Thrust and lateral force since the start, N", "thrust_N"));
         }
-        let turned = scene.steps.iter().any(|s| s.turns.iter().any(Option::is_some));
+        let turned = scene
+            .steps
+            .iter()
+            .any(|s| s.turns.iter().any(Option::is_some));
         if turned {
             folders.push(("Orientation error, mrad", "error_mrad"));
         }
@@ -194,7 +225,14 @@ impl Layout<'_> {
     fn plot(&mut self, name: &str, origin: &str, query: &str) -> RecordingStreamResult<Placed> {
         let view = self.view("TimeSeries", name, origin, &[query])?;
         let legend = PlotLegend::new().with_corner(Corner2D::RightTop);
-        self.stream.log(format!("{}/PlotLegend", view.path), &legend)?;
+        self.stream
+            .log(format!("{}/PlotLegend", view.path), &legend)?;
+        // all of it, not a window about the cursor
+        let axis = TimeAxis::new().with_view_range(TimeRange {
+            start: TimeRangeBoundary::Infinite,
+            end: TimeRangeBoundary::Infinite,
+        });
+        self.stream.log(format!("{}/TimeAxis", view.path), &axis)?;
         Ok(view)
     }
 
@@ -213,7 +251,8 @@ impl Layout<'_> {
             y_range: Range1D([y, y + height + more.1]),
         };
         let bounds = VisualBounds2D::new(range);
-        self.stream.log(format!("{}/VisualBounds2D", view.path), &bounds)?;
+        self.stream
+            .log(format!("{}/VisualBounds2D", view.path), &bounds)?;
         Ok(view)
     }
 

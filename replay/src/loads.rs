@@ -4,6 +4,7 @@ use crate::Scene;
 use crate::log::{Logged, at, first_step, fixed, moving, path, xyz};
 use crate::readings::colour_of;
 use crate::scene::{quantile, round};
+use misfit::campaign::Reading;
 use nalgebra::Vector3;
 use rerun::{Arrows3D, Radius, RecordingStream};
 
@@ -34,7 +35,7 @@ impl Lengths {
         let torques = readings().filter_map(|reading| Some(reading.wrench?.torque.norm()));
         let length = |values: Vec<f64>| {
             let largest = quantile(values, 0.995);
-            (largest > 1e-9).then(|| round(0.35 * scene.radius / largest))
+            (largest > 1e-9).then(|| round(0.35 * scene.reach / largest))
         };
         Self {
             force: length(forces.collect()),
@@ -52,7 +53,12 @@ pub fn send(stream: &RecordingStream, scene: &Scene) -> Logged {
             continue;
         }
         let entity = path(["cell", "loads", name]);
-        moving(stream, scene, &entity, scene.nominal.iter().map(|links| links[link]))?;
+        moving(
+            stream,
+            scene,
+            &entity,
+            scene.nominal.iter().map(|links| links[link]),
+        )?;
         let kinds = [
             ("force_N", FORCE, lengths.force, &pulls.forces, "N"),
             ("torque_Nm", TORQUE, lengths.torque, &pulls.torques, "N·m"),
@@ -118,14 +124,27 @@ impl Pulls {
             weights: Vec::new(),
         };
         let mut last: Option<&[f64]> = None;
-        for (index, reading) in campaign.readings.iter().enumerate() {
-            if reading.target == target {
+        let all = &campaign.readings;
+        for (index, reading) in all.iter().enumerate() {
+            // the first reading of another target is this one's, too, if it was taken there
+            let first = || {
+                all.iter()
+                    .find(|r| r.target == target)
+                    .filter(|_| index == 0)
+            };
+            let here = |first: &&Reading| same(&first.joints, &reading.joints);
+            let own = (reading.target == target).then_some(reading);
+            if let Some(reading) = own.or_else(|| first().filter(here)) {
                 last = Some(&reading.joints);
                 let none = Vector3::zeros();
                 let wrench = reading.wrench;
                 let row = |at, pull| Row { index, at, pull };
-                pulls.forces.push(row(none, wrench.map_or(none, |w| w.force)));
-                pulls.torques.push(row(none, wrench.map_or(none, |w| w.torque)));
+                pulls
+                    .forces
+                    .push(row(none, wrench.map_or(none, |w| w.force)));
+                pulls
+                    .torques
+                    .push(row(none, wrench.map_or(none, |w| w.torque)));
                 let weight = reading.payload.map(|payload| {
                     let down = scene.nominal[index][link].rotation.inverse() * campaign.gravity;
                     (payload.com, down * payload.mass)

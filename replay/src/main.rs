@@ -32,7 +32,11 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
     let recording = read_recording(&arguments.recording)?;
     if let Some(path) = &arguments.save {
         save(&recording, path)?;
-        let said = writeln!(std::io::stdout(), "{} · open it with: rerun {0}", path.display());
+        let said = writeln!(
+            std::io::stdout(),
+            "{} · open it with: rerun {0}",
+            path.display()
+        );
         return match said {
             Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error.into()),
             _ => Ok(()),
@@ -47,5 +51,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
         )?,
     };
     draw(&stream, &recording)?;
-    stream.flush_blocking().context("the viewer did not take it all")
+    stream
+        .flush_blocking()
+        .context("the viewer did not take it all")
 }

@@ -41,11 +41,25 @@ pub fn send(stream: &RecordingStream, scene: &Scene) -> Logged {
     for (index, joint) in campaign.robot.joints.iter().enumerate() {
         let (folder, factor) = joint_folder(joint.kind);
         let values = campaign.readings.iter().map(|r| r.joints[index] * factor);
-        curve(stream, scene, [folder, &joint.name], index, &all, values.collect())?;
+        curve(
+            stream,
+            scene,
+            [folder, &joint.name],
+            index,
+            &all,
+            values.collect(),
+        )?;
         if let Some(results) = &scene.recording.results {
             let values = results.torques.iter().map(|torques| torques[index]);
             let folder = torque_folder(joint.kind);
-            curve(stream, scene, [folder, &joint.name], index, &all, values.collect())?;
+            curve(
+                stream,
+                scene,
+                [folder, &joint.name],
+                index,
+                &all,
+                values.collect(),
+            )?;
         }
     }
     for (index, step) in scene.steps.iter().enumerate() {
@@ -59,7 +73,14 @@ pub fn send(stream: &RecordingStream, scene: &Scene) -> Logged {
             .collect();
         if !turned.is_empty() {
             let (readings, turns): (Vec<usize>, Vec<f64>) = turned.into_iter().unzip();
-            curve(stream, scene, ["error_mrad", &step.name], index, &readings, turns)?;
+            curve(
+                stream,
+                scene,
+                ["error_mrad", &step.name],
+                index,
+                &readings,
+                turns,
+            )?;
         }
     }
     for (target, name, _) in scene.targets() {
@@ -91,8 +112,17 @@ fn wrenches(stream: &RecordingStream, scene: &Scene, target: usize, name: &str) 
         send("force_N", &format!("f{word}"), axis, &|w| w.force[axis])?;
         send("torque_Nm", &format!("t{word}"), axis, &|w| w.torque[axis])?;
     }
-    send("thrust_N", "axial (z of the link)", 0, &|w| w.force.z)?;
-    send("thrust_N", "lateral", 1, &|w| w.force.xy().norm())
+    if !scene.process() {
+        return Ok(());
+    }
+    // the weight of what the wrist carries is there from the start
+    let start = measured[0].1.force;
+    send("thrust_N", "thrust, along z of the link", 0, &|w| {
+        w.force.z - start.z
+    })?;
+    send("thrust_N", "lateral, across it", 1, &|w| {
+        (w.force - start).xy().norm()
+    })
 }
 
 fn curve(

@@ -1,9 +1,7 @@
 //! Readings as points coloured by their error, residual arrows magnified, and the frames of the current reading.
 
 use crate::Scene;
-use crate::log::{
-    Logged, beginning, everywhere, fixed, moving, path, steps, xyz,
-};
+use crate::log::{Logged, beginning, everywhere, fixed, moving, path, steps, xyz};
 use crate::robots::{ORANGE, SKY};
 use misfit::campaign::Split;
 use misfit::plot;
@@ -41,7 +39,11 @@ pub fn send(stream: &RecordingStream, scene: &Scene) -> Logged {
             crate::log::quaternion(place),
         ),
     )?;
-    fixed(stream, tracker.clone(), &TransformAxes3D::new(0.1 * scene.radius as f32))?;
+    fixed(
+        stream,
+        tracker.clone(),
+        &TransformAxes3D::new(0.1 * scene.radius as f32),
+    )?;
     let here = Points3D::new([[0.0, 0.0, 0.0f32]])
         .with_labels(["tracker"])
         .with_radii([Radius::new_ui_points(4.0)])
@@ -62,15 +64,19 @@ fn all(stream: &RecordingStream, scene: &Scene) -> Logged {
         .iter()
         .map(|pose| xyz(&pose.translation.vector))
         .collect();
-    let labels = campaign.readings.iter().enumerate().map(|(index, reading)| {
-        let mut words = vec![format!("reading {index}")];
-        words.extend(reading.pose.iter().map(|pose| format!("pose {pose}")));
-        words.push(campaign.targets[reading.target].name.clone());
-        if reading.split == Split::Heldout {
-            words.push("held out".to_owned());
-        }
-        words.join(" · ")
-    });
+    let labels = campaign
+        .readings
+        .iter()
+        .enumerate()
+        .map(|(index, reading)| {
+            let mut words = vec![format!("reading {index}")];
+            words.extend(reading.pose.iter().map(|pose| format!("pose {pose}")));
+            words.push(campaign.targets[reading.target].name.clone());
+            if reading.split == Split::Heldout {
+                words.push("held out".to_owned());
+            }
+            words.join(" · ")
+        });
     let points = path(["cell", "readings", "position_error_mm"]);
     let arrow = path(["cell", "readings", &arrows(scene)]);
     let many = measured.len();
@@ -92,7 +98,9 @@ fn all(stream: &RecordingStream, scene: &Scene) -> Logged {
     };
     let vectors = |step: &crate::Drawn| -> Vec<[f32; 3]> {
         let errors = step.errors.iter();
-        errors.map(|error| xyz(&(error * scene.magnification))).collect()
+        errors
+            .map(|error| xyz(&(error * scene.magnification)))
+            .collect()
     };
     let count = scene.steps.len();
     for first in [true, false] {
@@ -138,7 +146,11 @@ fn current(stream: &RecordingStream, scene: &Scene) -> Logged {
     for (name, colour, all) in shown {
         let entity = path(["cell", "current", name]);
         moving(stream, scene, &entity, all.copied())?;
-        fixed(stream, entity.clone(), &TransformAxes3D::new(0.09 * scene.radius as f32))?;
+        fixed(
+            stream,
+            entity.clone(),
+            &TransformAxes3D::new(0.09 * scene.radius as f32),
+        )?;
         let dot = Points3D::new([[0.0, 0.0, 0.0f32]])
             .with_radii([Radius::new_ui_points(4.5)])
             .with_colors([colour_of(colour)]);
@@ -154,8 +166,16 @@ fn current(stream: &RecordingStream, scene: &Scene) -> Logged {
         let labels = step.sizes();
         let labels = labels.iter().map(|error| crate::words::millimetres(*error));
         let arrows = Arrows3D::update_fields()
-            .with_origins(step.predicted.iter().map(|pose| xyz(&pose.translation.vector)))
-            .with_vectors(step.errors.iter().map(|error| xyz(&(error * scene.magnification))))
+            .with_origins(
+                step.predicted
+                    .iter()
+                    .map(|pose| xyz(&pose.translation.vector)),
+            )
+            .with_vectors(
+                step.errors
+                    .iter()
+                    .map(|error| xyz(&(error * scene.magnification))),
+            )
             .with_labels(labels);
         stream.send_columns(entity, everywhere(scene), arrows.columns_of_unit_batches()?)?;
     }

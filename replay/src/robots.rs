@@ -5,7 +5,8 @@ use crate::log::{Logged, fixed, moving, path, quaternion, xyz};
 use misfit::robot::{Robot, Shape, Visual};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rerun::{
-    Boxes3D, Capsules3D, Color, Cylinders3D, Ellipsoids3D, FillMode, RecordingStream, ViewCoordinates,
+    Boxes3D, Capsules3D, Color, Cylinders3D, Ellipsoids3D, FillMode, RecordingStream,
+    ViewCoordinates,
 };
 
 /// Entity of the nominal robot.
@@ -45,7 +46,14 @@ pub fn send(stream: &RecordingStream, scene: &Scene) -> Logged {
         .collect();
     let name = magnified(scene);
     let colour = Some(translucent(SKY));
-    robot_of(stream, scene, &["cell", &name], &shapes, colour, &exaggerated)
+    robot_of(
+        stream,
+        scene,
+        &["cell", &name],
+        &shapes,
+        colour,
+        &exaggerated,
+    )
 }
 
 /// The nominal pose, moved on by a multiple of what the fitted one is off: a small motion, so turns add as vectors.
@@ -77,7 +85,9 @@ fn robot_of(
             &path(name.clone()),
             poses.iter().map(|links| links[index]),
         )?;
-        shapes.send(stream, index, colour, |shape| path(name.clone().chain([shape])))?;
+        shapes.send(stream, index, colour, |shape| {
+            path(name.clone().chain([shape]))
+        })?;
     }
     Ok(())
 }
@@ -94,7 +104,11 @@ impl Shapes {
     fn of(robot: &Robot, size: f64) -> Self {
         let sticks = robot.links.iter().all(|link| link.visuals.is_empty());
         let links = match sticks {
-            false => robot.links.iter().map(|link| link.visuals.clone()).collect(),
+            false => robot
+                .links
+                .iter()
+                .map(|link| link.visuals.clone())
+                .collect(),
             true => sticks_of(robot, size),
         };
         Self { links, sticks }
@@ -113,7 +127,9 @@ impl Shapes {
         for visual in &self.links[link] {
             match visual.shape {
                 Shape::Box(edges) => boxes.add(visual, colour, edges.map(|edge| edge / 2.0)),
-                Shape::Cylinder(radius, length) => cylinders.add(visual, colour, [radius, length, 0.0]),
+                Shape::Cylinder(radius, length) => {
+                    cylinders.add(visual, colour, [radius, length, 0.0])
+                }
                 Shape::Sphere(radius) => spheres.add(visual, colour, [radius; 3]),
             }
         }
@@ -125,12 +141,17 @@ impl Shapes {
                 .with_fill_mode(solid);
             fixed(stream, entity("boxes"), &all)?;
         }
-        let (lengths, radii): (Vec<f32>, Vec<f32>) =
-            cylinders.sizes.iter().map(|size| (size[1], size[0])).unzip();
+        let (lengths, radii): (Vec<f32>, Vec<f32>) = cylinders
+            .sizes
+            .iter()
+            .map(|size| (size[1], size[0]))
+            .unzip();
         if !lengths.is_empty() && self.sticks {
             // A capsule begins at its origin, a cylinder has it in its middle.
             let starts = cylinders.centres.iter().zip(&cylinders.ends);
-            let starts: Vec<[f32; 3]> = starts.map(|(c, half)| [0, 1, 2].map(|i| c[i] - half[i])).collect();
+            let starts: Vec<[f32; 3]> = starts
+                .map(|(c, half)| [0, 1, 2].map(|i| c[i] - half[i]))
+                .collect();
             let all = Capsules3D::from_lengths_and_radii(lengths, radii)
                 .with_translations(starts)
                 .with_quaternions(cylinders.turns)
@@ -174,7 +195,9 @@ impl Kind {
         self.ends.push(xyz(&half));
         self.turns.push(quaternion(&pose));
         self.sizes.push(size.map(|x| x as f32));
-        let own = visual.rgba.map(|share| (share.clamp(0.0, 1.0) * 255.0).round() as u8);
+        let own = visual
+            .rgba
+            .map(|share| (share.clamp(0.0, 1.0) * 255.0).round() as u8);
         let [r, g, b, a] = own;
         self.colours
             .push(colour.unwrap_or(Color::from_unmultiplied_rgba(r, g, b, a)));
@@ -185,7 +208,13 @@ impl Kind {
 fn sticks_of(robot: &Robot, size: f64) -> Vec<Vec<Visual>> {
     let mut links = vec![Vec::new(); robot.links.len()];
     for body in 0..robot.bodies.len() {
-        let own = || robot.links.iter().enumerate().filter(move |(_, link)| link.body == body);
+        let own = || {
+            robot
+                .links
+                .iter()
+                .enumerate()
+                .filter(move |(_, link)| link.body == body)
+        };
         let Some((first, link)) = own().next() else {
             continue;
         };
@@ -200,8 +229,9 @@ fn sticks_of(robot: &Robot, size: f64) -> Vec<Vec<Visual>> {
             if length < 1e-3 {
                 continue;
             }
-            let turn = UnitQuaternion::rotation_between(&Vector3::z(), &end)
-                .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+            let turn = UnitQuaternion::rotation_between(&Vector3::z(), &end).unwrap_or_else(|| {
+                UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI)
+            });
             let middle = Point3::from(end / 2.0);
             links[first].push(Visual {
                 link_from_shape: link_from_body * Isometry3::from_parts(middle.coords.into(), turn),

@@ -13,27 +13,34 @@ const SHADES: usize = 48;
 
 /// Where the eye stands when the layout opens.
 pub fn eye(scene: &Scene) -> Point3<f64> {
-    scene.centre + Vector3::new(1.5, -1.45, 0.65) * scene.radius
+    scene.focus + Vector3::new(1.35, -1.3, 0.6) * scene.reach
 }
 
 /// Sends the scales, left of the scene as the eye sees it.
 pub fn send(stream: &RecordingStream, scene: &Scene) -> Logged {
-    let ahead = (scene.centre - eye(scene)).normalize();
+    let ahead = (scene.focus - eye(scene)).normalize();
     let right = ahead.cross(&Vector3::z()).normalize();
-    let foot = scene.centre - right * (1.0 * scene.radius) - Vector3::z() * (0.5 * scene.radius);
-    let mut foot = foot;
+    let up = right.cross(&ahead);
+    let mut foot = scene.focus - (right * 0.95 + up * 0.35) * scene.reach;
     if !scene.steps.is_empty() {
-        bar(stream, scene, &foot)?;
+        bar(stream, scene, &foot, &up)?;
         // an arrow of a round error, as long as it is drawn
-        let error = round(0.25 * scene.radius / scene.magnification);
+        let error = round(0.25 * scene.reach / scene.magnification);
         let name = format!("residual_x{}", scene.magnification);
         let label = format!(
             "{} × {}",
             crate::words::millimetres(error),
             scene.magnification
         );
-        foot -= Vector3::z() * (0.12 * scene.radius);
-        arrow(stream, &name, &foot, &(right * error * scene.magnification), GREY, &label)?;
+        foot -= up * (0.11 * scene.reach);
+        arrow(
+            stream,
+            &name,
+            &foot,
+            &(right * error * scene.magnification),
+            GREY,
+            &label,
+        )?;
     }
     let lengths = Lengths::of(scene);
     let kinds = [
@@ -42,18 +49,25 @@ pub fn send(stream: &RecordingStream, scene: &Scene) -> Logged {
     ];
     for (name, length, colour, unit) in kinds {
         if let Some(length) = length {
-            let size = round(0.25 * scene.radius / length);
-            foot -= Vector3::z() * (0.12 * scene.radius);
+            let size = round(0.25 * scene.reach / length);
+            foot -= up * (0.11 * scene.reach);
             let label = format!("{size} {unit}");
-            arrow(stream, name, &foot, &(right * size * length), colour, &label)?;
+            arrow(
+                stream,
+                name,
+                &foot,
+                &(right * size * length),
+                colour,
+                &label,
+            )?;
         }
     }
     Ok(())
 }
 
 /// A bar of colours with its values.
-fn bar(stream: &RecordingStream, scene: &Scene, foot: &Point3<f64>) -> Logged {
-    let height = Vector3::z() * (0.9 * scene.radius);
+fn bar(stream: &RecordingStream, scene: &Scene, foot: &Point3<f64>, up: &Vector3<f64>) -> Logged {
+    let height = up * (0.9 * scene.reach);
     let at = |share: f64| xyz(&(foot + height * share).coords);
     let shades = (0..SHADES).map(|i| i as f64 / SHADES as f64);
     let pieces: Vec<Vec<[f32; 3]>> = shades
@@ -75,7 +89,11 @@ fn bar(stream: &RecordingStream, scene: &Scene, foot: &Point3<f64>) -> Logged {
         .with_colors([colour_of(GREY)])
         .with_labels(labels)
         .with_show_labels(true);
-    fixed(stream, path(["cell", "scale", "position_error_mm", "ticks"]), &ticks)
+    fixed(
+        stream,
+        path(["cell", "scale", "position_error_mm", "ticks"]),
+        &ticks,
+    )
 }
 
 fn arrow(

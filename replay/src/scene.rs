@@ -35,6 +35,10 @@ pub struct Scene<'a> {
     pub centre: Point3<f64>,
     /// Half of its diagonal, m.
     pub radius: f64,
+    /// Where the eye looks, m: the middle, or the wrists while a process pulls at them.
+    pub focus: Point3<f64>,
+    /// How far the eye sees about it, m.
+    pub reach: f64,
 }
 
 /// One step: where its model puts the targets.
@@ -97,7 +101,30 @@ impl<'a> Scene<'a> {
             worst,
             centre,
             radius,
+            focus: centre,
+            reach: radius,
         }
+        .looking_at_wrists()
+    }
+
+    /// Is this a process at the wrists, as drilling is: loads, but no errors to show?
+    pub fn process(&self) -> bool {
+        let mut readings = self.recording.campaign.readings.iter();
+        self.steps.is_empty() && !self.commands() && readings.any(|r| r.wrench.is_some())
+    }
+
+    fn looking_at_wrists(mut self) -> Self {
+        if self.process() {
+            let wrists = self.targets().filter_map(|(_, _, link)| {
+                let links = self.nominal.first()?;
+                Some(links[link].translation.vector)
+            });
+            let wrists: Vec<Vector3<f64>> = wrists.collect();
+            let middle = wrists.iter().sum::<Vector3<f64>>() / wrists.len().max(1) as f64;
+            self.focus = Point3::from(middle);
+            self.reach = 0.55 * self.radius;
+        }
+        self
     }
 
     /// Measured target poses in the base frame; an orientation that was not measured is the last step's.

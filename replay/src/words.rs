@@ -46,7 +46,11 @@ fn about(scene: &Scene) -> String {
         .targets()
         .map(|(_, name, link)| format!("{name} on {}", campaign.robot.links[link].name))
         .collect();
-    let what = if scene.commands() { "commands" } else { "readings" };
+    let what = if scene.commands() {
+        "commands"
+    } else {
+        "readings"
+    };
     let mut text = format!(
         "# {}\n\nrobot **{}** · {count} {what}{} · {}\n\n",
         campaign.name,
@@ -66,7 +70,11 @@ fn about(scene: &Scene) -> String {
         line("| step | fitted, rms | held out, rms |\n|---|---|---|".to_owned());
         for step in &scene.steps {
             let heldout = step.rms.1.map_or("—".to_owned(), millimetres);
-            line(format!("| {} | {} | {heldout} |", step.name, millimetres(step.rms.0)));
+            line(format!(
+                "| {} | {} | {heldout} |",
+                step.name,
+                millimetres(step.rms.0)
+            ));
         }
         line(String::new());
     }
@@ -94,14 +102,18 @@ fn about(scene: &Scene) -> String {
                 "- Arrows: measured less predicted, **{} times** as large.",
                 scene.magnification
             ));
-            line("- Of the current reading: measured (green), by the nominal robot (grey)".to_owned()
-                + if fitted { ", fitted (orange)." } else { "." });
+            line(
+                "- Of the current reading: measured (green), by the nominal robot (grey)"
+                    .to_owned()
+                    + if fitted { ", fitted (orange)." } else { "." },
+            );
         }
         None if scene.commands() => {
             line("- Nothing was measured: these are commands.".to_owned());
         }
         None => line(
-            "- Readings are not drawn: their few postures do not tell where the tracker stands.".to_owned(),
+            "- Readings are not drawn: their few postures do not tell where the tracker stands."
+                .to_owned(),
         ),
     }
     if !fitted && !scene.steps.is_empty() {
