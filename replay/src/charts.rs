@@ -18,6 +18,8 @@ pub const WIDTH: f64 = 100.0;
 pub const HEIGHT: f64 = 60.0;
 /// Between the boxes of angles.
 const GAP: [f64; 2] = [14.0, 22.0];
+/// Above the boxes of angles: what they show.
+const ABOVE: f64 = 26.0;
 /// Readings shown against angles, at most.
 const MOST: usize = 1500;
 /// Lever below which a turn of the joint moves the target too little to be told, m.
@@ -52,8 +54,8 @@ pub fn angle_boxes(scene: &Scene) -> (Vec<usize>, usize) {
     });
     let columns = match joints.len() {
         0..=2 => 1,
-        3..=8 => 2,
-        9..=12 => 3,
+        3..=4 => 2,
+        5..=9 => 3,
         _ => 4,
     };
     (joints, columns)
@@ -65,7 +67,7 @@ pub fn angle_size(scene: &Scene) -> (f64, f64) {
     let rows = joints.len().div_ceil(columns).max(1);
     (
         columns as f64 * (WIDTH + GAP[0]),
-        rows as f64 * (HEIGHT + GAP[1]) + 14.0,
+        rows as f64 * (HEIGHT + GAP[1]) + ABOVE,
     )
 }
 
@@ -130,7 +132,7 @@ fn angles(stream: &RecordingStream, scene: &Scene) -> Logged {
     for (place, along) in joints.iter().map(|j| Along::of(scene, *j)).enumerate() {
         let corner = [
             (place % columns) as f64 * (WIDTH + GAP[0]),
-            (place / columns) as f64 * (HEIGHT + GAP[1]) + 14.0,
+            (place / columns) as f64 * (HEIGHT + GAP[1]) + ABOVE,
         ];
         let joint = &robot.joints[along.joint];
         let (factor, unit) = match joint.kind {

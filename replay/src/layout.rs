@@ -7,7 +7,7 @@ use crate::log::{READING, TIME, text};
 use crate::plots::{joint_folder, torque_folder};
 use crate::robots::{FITTED, magnified};
 use crate::scale::eye;
-use crate::{APPLICATION, Scene, charts, words};
+use crate::{APPLICATION, Opening, Scene, charts, words};
 use nalgebra::Point3;
 use rerun::datatypes::{Range1D, Range2D, TimeRange, TimeRangeBoundary, Uuid};
 use rerun::external::re_log_types::BlueprintActivationCommand;
@@ -25,7 +25,11 @@ use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamResult};
 ///
 /// # Errors
 /// What Rerun says.
-pub fn send(stream: &RecordingStream, scene: &Scene) -> RecordingStreamResult<()> {
+pub fn send(
+    stream: &RecordingStream,
+    scene: &Scene,
+    opening: &Opening,
+) -> RecordingStreamResult<()> {
     let (blueprint, storage) = RecordingStreamBuilder::new(APPLICATION)
         .recording_id("misfit_layout")
         .blueprint()
@@ -35,7 +39,7 @@ pub fn send(stream: &RecordingStream, scene: &Scene) -> RecordingStreamResult<()
         stream: &blueprint,
         made: 0,
     };
-    let root = layout.whole(scene)?;
+    let root = layout.whole(scene, opening)?;
     let viewport = ViewportBlueprint::new()
         .with_root_container(Uuid { bytes: root })
         .with_auto_layout(false)
@@ -44,9 +48,11 @@ pub fn send(stream: &RecordingStream, scene: &Scene) -> RecordingStreamResult<()
     let panel = |state| PanelBlueprint::new().with_state(state);
     blueprint.log("blueprint_panel", &panel(PanelState::Collapsed))?;
     blueprint.log("selection_panel", &panel(PanelState::Collapsed))?;
+    let usual = if scene.process() { TIME } else { READING };
+    let timeline = opening.timeline.as_deref().unwrap_or(usual);
     let time = TimePanelBlueprint::new()
         .with_state(PanelState::Collapsed)
-        .with_timeline(if scene.process() { TIME } else { READING })
+        .with_timeline(timeline)
         .with_play_state(PlayState::Paused)
         .with_fps(5.0);
     blueprint.log("time_panel", &time)?;
@@ -68,22 +74,28 @@ struct Layout<'a> {
 struct Placed {
     id: Id,
     path: String,
+    name: String,
 }
 
 impl Layout<'_> {
     /// The cell at the left, plots in tabs at the right, words below them.
-    fn whole(&mut self, scene: &Scene) -> RecordingStreamResult<Id> {
+    fn whole(&mut self, scene: &Scene, opening: &Opening) -> RecordingStreamResult<Id> {
         let cell = self.cell(scene)?;
         let mut tabs = Vec::new();
         tabs.extend(self.charts(scene)?);
         tabs.extend(self.curves(scene)?);
-        let tabs = self.container(ContainerKind::Tabs, "plots", &tabs, &[])?;
+        let asked = opening.tab.as_deref();
+        let open = tabs.iter().position(|tab: &Placed| {
+            let name = tab.name.to_lowercase();
+            asked.is_some_and(|asked| name.starts_with(&asked.to_lowercase()))
+        });
+        let tabs = self.tabs("plots", &tabs, open.unwrap_or(0))?;
         let mut texts = Vec::new();
         if words::verdict(scene).is_some() {
             texts.push(self.view("TextDocument", "Verdict", "verdict", &["$origin"])?);
         }
         texts.push(self.view("TextDocument", "About", "about", &["$origin"])?);
-        let texts = self.container(ContainerKind::Tabs, "words", &texts, &[])?;
+        let texts = self.tabs("words", &texts, 0)?;
         let right = self.container(
             ContainerKind::Vertical,
             "beside",
@@ -153,7 +165,7 @@ impl Layout<'_> {
         }
         let results = scene.recording.results.as_ref();
         if results.is_some_and(|results| !results.progress.is_empty()) {
-            made.push(self.flat("Fit", "charts/progress", (-22.0, -10.0), both, (34.0, 22.0))?);
+            made.push(self.flat("Fit", "charts/progress", (-22.0, -10.0), both, (46.0, 22.0))?);
         }
         Ok(made)
     }
@@ -271,7 +283,22 @@ impl Layout<'_> {
             .with_display_name(name)
             .with_space_origin(origin);
         self.stream.log(path.as_str(), &view)?;
-        Ok(Placed { id, path })
+        let name = name.to_owned();
+        Ok(Placed { id, path, name })
+    }
+
+    fn tabs(
+        &mut self,
+        name: &str,
+        contents: &[Placed],
+        open: usize,
+    ) -> RecordingStreamResult<Placed> {
+        let tabs = self.container(ContainerKind::Tabs, name, contents, &[])?;
+        if let Some(open) = contents.get(open) {
+            let open = ContainerBlueprint::update_fields().with_active_tab(open.path.as_str());
+            self.stream.log(tabs.path.as_str(), &open)?;
+        }
+        Ok(tabs)
     }
 
     fn container(
@@ -293,15 +320,11 @@ impl Layout<'_> {
             ContainerKind::Vertical if !shares.is_empty() => {
                 container = container.with_row_shares(shares.iter().copied());
             }
-            ContainerKind::Tabs => {
-                if let Some(first) = contents.first() {
-                    container = container.with_active_tab(first.path.as_str());
-                }
-            }
             _ => {}
         }
         self.stream.log(path.as_str(), &container)?;
-        Ok(Placed { id, path })
+        let name = name.to_owned();
+        Ok(Placed { id, path, name })
     }
 
     /// Names by counting: the same layout each time.

@@ -24,6 +24,15 @@ use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamResult};
 /// Name of the application in the viewer: layouts that a user saves belong to it.
 pub const APPLICATION: &str = "misfit";
 
+/// What is open at first.
+#[derive(Debug, Clone, Default)]
+pub struct Opening {
+    /// Tab of plots, by the beginning of its name; the first one if there is none of it.
+    pub tab: Option<String>,
+    /// Timeline; the readings' own, or seconds where a process is recorded.
+    pub timeline: Option<String>,
+}
+
 /// A stream of this recording, to be given a sink.
 pub fn stream(recording: &Recording) -> RecordingStreamBuilder {
     RecordingStreamBuilder::new(APPLICATION)
@@ -35,9 +44,13 @@ pub fn stream(recording: &Recording) -> RecordingStreamBuilder {
 ///
 /// # Errors
 /// What Rerun says of data that it cannot take.
-pub fn draw(stream: &RecordingStream, recording: &Recording) -> RecordingStreamResult<()> {
+pub fn draw(
+    stream: &RecordingStream,
+    recording: &Recording,
+    opening: &Opening,
+) -> RecordingStreamResult<()> {
     let scene = Scene::of(recording);
-    layout::send(stream, &scene)?;
+    layout::send(stream, &scene, opening)?;
     words::send(stream, &scene)?;
     robots::send(stream, &scene)?;
     readings::send(stream, &scene)?;

@@ -4,7 +4,7 @@ use anyhow::Context;
 use clap::Parser;
 use misfit::cli::{message, replay::Arguments};
 use misfit::recording::read_recording;
-use misfit_replay::{draw, save, stream};
+use misfit_replay::{Opening, draw, save, stream};
 use std::io::Write;
 use std::process::ExitCode;
 
@@ -29,9 +29,13 @@ fn main() -> ExitCode {
 }
 
 fn run(arguments: &Arguments) -> anyhow::Result<()> {
+    let opening = Opening {
+        tab: arguments.tab.clone(),
+        timeline: arguments.timeline.clone(),
+    };
     let recording = read_recording(&arguments.recording)?;
     if let Some(path) = &arguments.save {
-        save(&recording, path)?;
+        save(&recording, &opening, path)?;
         let said = writeln!(
             std::io::stdout(),
             "{} · open it with: rerun {0}",
@@ -50,7 +54,7 @@ fn run(arguments: &Arguments) -> anyhow::Result<()> {
              or --save X.rrd",
         )?,
     };
-    draw(&stream, &recording)?;
+    draw(&stream, &recording, &opening)?;
     stream
         .flush_blocking()
         .context("the viewer did not take it all")

@@ -1,6 +1,6 @@
 //! Writing a file so that a failure leaves the old one whole.
 
-use crate::{draw, stream};
+use crate::{Opening, draw, stream};
 use anyhow::Context;
 use misfit::recording::Recording;
 use std::io::Write;
@@ -10,9 +10,9 @@ use std::path::Path;
 ///
 /// # Errors
 /// What Rerun or the file system says; an old file is then as it was.
-pub fn save(recording: &Recording, path: &Path) -> anyhow::Result<()> {
+pub fn save(recording: &Recording, opening: &Opening, path: &Path) -> anyhow::Result<()> {
     let (stream, storage) = stream(recording).memory()?;
-    draw(&stream, recording)?;
+    draw(&stream, recording, opening)?;
     let bytes = storage.drain_as_bytes()?;
     write(path, &bytes).with_context(|| format!("{}: cannot be written", path.display()))
 }

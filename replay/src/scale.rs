@@ -21,7 +21,7 @@ pub fn send(stream: &RecordingStream, scene: &Scene) -> Logged {
     let ahead = (scene.focus - eye(scene)).normalize();
     let right = ahead.cross(&Vector3::z()).normalize();
     let up = right.cross(&ahead);
-    let mut foot = scene.focus - (right * 0.95 + up * 0.35) * scene.reach;
+    let mut foot = scene.focus - (right * 0.88 + up * 0.35) * scene.reach;
     if !scene.steps.is_empty() {
         bar(stream, scene, &foot, &up)?;
         // an arrow of a round error, as long as it is drawn
@@ -79,9 +79,9 @@ fn bar(stream: &RecordingStream, scene: &Scene, foot: &Point3<f64>, up: &Vector3
         .with_radii([Radius::new_ui_points(7.0)])
         .with_colors(colours);
     fixed(stream, path(["cell", "scale", "position_error_mm"]), &bar)?;
-    let ticks = [0.0, 0.25, 0.5, 0.75, 1.0];
+    let ticks = [0.0, 0.25, 0.5, 0.75, 1.0, 1.07];
     let labels = ticks.map(|share| match share {
-        1.0 => format!("position error {}", crate::words::millimetres(scene.worst)),
+        share if share > 1.0 => "position error".to_owned(),
         share => crate::words::millimetres(scene.worst * share),
     });
     let ticks = Points3D::new(ticks.map(at))

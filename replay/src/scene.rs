@@ -122,7 +122,7 @@ impl<'a> Scene<'a> {
             let wrists: Vec<Vector3<f64>> = wrists.collect();
             let middle = wrists.iter().sum::<Vector3<f64>>() / wrists.len().max(1) as f64;
             self.focus = Point3::from(middle);
-            self.reach = 0.55 * self.radius;
+            self.reach = 0.75 * self.radius;
         }
         self
     }

@@ -31,6 +31,12 @@ pub struct Arguments {
     /// Address of a viewer that is open already.
     #[arg(long, value_name = "URL")]
     pub connect: Option<String>,
+    /// Tab of plots that is open at first, by the beginning of its name; the first one if left out.
+    #[arg(long, value_name = "NAME")]
+    pub tab: Option<String>,
+    /// Timeline that is on at first: reading, time or step.
+    #[arg(long, value_name = "NAME", value_parser = ["reading", "time", "step"])]
+    pub timeline: Option<String>,
 }
 
 impl Arguments {
@@ -40,8 +46,15 @@ impl Arguments {
         if let Some(path) = &self.save {
             words.extend(["--save".into(), path.into()]);
         }
-        if let Some(url) = &self.connect {
-            words.extend(["--connect".into(), url.into()]);
+        let others = [
+            ("--connect", &self.connect),
+            ("--tab", &self.tab),
+            ("--timeline", &self.timeline),
+        ];
+        for (name, value) in others {
+            if let Some(value) = value {
+                words.extend([name.into(), value.into()]);
+            }
         }
         words.extend(["--".into(), self.recording.clone().into()]);
         words
