@@ -32,7 +32,8 @@ def plain(value):
         return tuple(
             (name.lstrip("_"), plain(getattr(value, name)))
             for name in sorted(names)
-            if not name.startswith("__") and name.lstrip("_") not in ("type", "full_text", "msgtype")
+            # constants of a type (PointField.FLOAT32) are no part of a message
+            if not (name.startswith("__") or name.isupper()) and name.lstrip("_") not in ("type", "full_text", "msgtype")
         )
     return value
 
