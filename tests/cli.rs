@@ -648,6 +648,7 @@ fn the_catalogue_and_its_pages() {
             "## Confused with",
             "## Plant",
             "## Sources",
+            "## At hand",
         ] {
             assert!(
                 page.lines().any(|line| line == heading),
