@@ -6,7 +6,7 @@ MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights map drill
 BLIND     = rich noise outliers form alias
 
-.PHONY: run test setup build format lint unit examples scenarios blind blind-all pictures doc bench
+.PHONY: run test setup build format lint unit examples scenarios blind blind-all pictures recordings readers doc bench
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
@@ -53,6 +53,17 @@ pictures: build
 	$(MISFIT) drill scenarios/drill.toml -o target/pictures
 	cp target/pictures/map.map.plant.png docs/pictures/map.png
 	cp target/pictures/drill.drill.png docs/pictures/drill.png
+
+# the small recordings that are kept, by the commands of their README
+recordings: build
+	@grep '^| `' recordings/README.md | sed 's/.*`misfit \([^`]*\)`.*/\1/' | while read -r words; do \
+		$(MISFIT) --quiet $$words || exit 1; done
+	@cd recordings && find . -type f ! -name '*.mcap' ! -name README.md ! -name tasks.csv -delete
+
+# every recording decoded by two readers that are not ours
+readers: build
+	sh .ci/venv
+	target/venv/bin/python .ci/readers.py recordings/*.mcap
 
 bench: setup
 	cargo bench --locked

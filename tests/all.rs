@@ -18,6 +18,7 @@ mod filter;
 mod fit;
 mod form;
 mod formula;
+mod golden;
 mod house;
 mod kinematics;
 mod map;

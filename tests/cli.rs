@@ -648,6 +648,7 @@ fn the_catalogue_and_its_pages() {
             "## Confused with",
             "## Plant",
             "## Sources",
+            "## At hand",
         ] {
             assert!(
                 page.lines().any(|line| line == heading),
@@ -2200,4 +2201,88 @@ fn what_was_found_is_recorded() {
         &["fit", "commands.mcap"],
         &["commands.mcap", "nobody measured"],
     );
+}
+
+#[test]
+fn quiet_prints_nothing_but_what_is_asked_for() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let cell = lab().join("cell.mcap");
+    let cell = cell.to_str().unwrap();
+    let fit = [
+        "fit",
+        cell,
+        "--effects",
+        "joint_offset",
+        "--no-cross-validation",
+    ];
+    let silent = run(at, &[&fit[..], &["--quiet"]].concat());
+    assert_eq!((silent.code, silent.out.as_str()), (Some(0), ""));
+    assert_eq!(silent.err, "");
+    let asked = run(at, &[&fit[..], &["-q", "--json"]].concat());
+    let document: Value = serde_json::from_str(&asked.out).unwrap();
+    assert_eq!(document["schema"], "misfit.fit/1");
+    refused(at, &["-q", "fit", "none.toml"], &["none.toml"]);
+}
+
+#[test]
+fn colours_are_asked_for_and_taken_back() {
+    let folder = TempDir::new().unwrap();
+    let out = |always: bool, never: bool| {
+        let mut command = misfit(folder.path());
+        command.env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE");
+        if always {
+            command.env("CLICOLOR_FORCE", "1");
+        }
+        if never {
+            command.env("NO_COLOR", "1");
+        }
+        command.args(["fit", lab().join("cell.mcap").to_str().unwrap()]);
+        String::from_utf8(command.output().unwrap().stdout).unwrap()
+    };
+    let (plain, coloured) = (out(false, false), out(true, false));
+    assert!(!plain.contains('\x1b'));
+    assert!(
+        coloured.contains("\x1b[1mnext     \x1b[0m\x1b[36mmisfit diagnose"),
+        "{coloured}"
+    );
+    assert_eq!(out(false, true), plain);
+}
+
+#[test]
+fn shells_and_man_know_every_command() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let help = run(at, &["--help"]).out;
+    let commands: Vec<&str> = help
+        .lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| !line.is_empty())
+        .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
+        .filter_map(|line| line.split_whitespace().next())
+        .collect();
+    assert!(commands.len() > 12, "{help}");
+    for shell in ["bash", "zsh", "fish"] {
+        let ran = run(at, &["completions", shell]);
+        assert_eq!(ran.code, Some(0));
+        for command in &commands {
+            assert!(ran.out.contains(command), "{command} in {shell}");
+        }
+    }
+    assert!(run(at, &["man"]).out.contains("misfit\\-diagnose(1)"));
+    assert_eq!(run(at, &["man", "-o", "man1"]).code, Some(0));
+    let pages = files(&at.join("man1"));
+    for command in commands.iter().filter(|command| **command != "help") {
+        assert!(
+            pages.contains(&format!("misfit-{command}.1")),
+            "{command}: {pages:?}"
+        );
+        // and each has an example
+        let help = run(at, &[command, "--help"]).out;
+        assert!(help.contains("Examples:"), "{command}");
+    }
+    assert_eq!(run(at, &["completions", "dos"]).code, Some(2));
+    write(at, "file", "mine");
+    refused(at, &["man", "-o", "file"], &["file", "cannot be made"]);
 }

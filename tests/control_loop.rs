@@ -409,7 +409,7 @@ fn loops_that_make_no_sense_are_refused() {
             ["[workspace]", "stands beside [loop]"],
         ),
         (
-            format!("{good}\n[[instead]]\ntitle = \"more\"\ndesign = { poses = 4 }\n"),
+            format!("{good}\n[[instead]]\ntitle = \"more\"\n[instead.design]\nposes = 4\n"),
             ["[[instead]]", "stands beside [loop]"],
         ),
         (

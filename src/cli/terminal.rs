@@ -47,6 +47,11 @@ fn painted(text: &str) -> String {
     let mut out = String::with_capacity(2 * text.len());
     let mut in_next = false;
     for line in text.split_inclusive('\n') {
+        if line.starts_with("## ") {
+            out += &paint(Style::new().bold().underline(), line.trim_end());
+            out.push('\n');
+            continue;
+        }
         let label = label(line);
         in_next = match label {
             Some(label) => label.trim_end() == "next",

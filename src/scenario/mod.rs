@@ -94,6 +94,7 @@ impl Scenario {
 }
 
 /// What a scenario does: one thing.
+#[expect(clippy::large_enum_variant, reason = "there is one a scenario")]
 #[derive(Debug, Clone)]
 pub enum Job {
     /// Fits one campaign.
