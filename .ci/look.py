@@ -24,12 +24,12 @@ CELL = (0.02, 0.08, 0.58, 0.95)
 SCALE = (0.03, 0.22, 0.14, 0.72)
 PLOTS = (0.61, 0.07, 0.99, 0.58)
 WORDS = (0.61, 0.62, 0.99, 0.95)
+FIRST_VIEW = (0.145, 0.065, 0.35, 0.25)
 VIEWS = (0.145, 0.05, 0.78, 0.70)  # where a viewer left to itself has its own
 
 # picture, place, what, colour, pixels at least
 SEEN = [
-    ("direct", VIEWS, "the robot", WHITE_ROBOT, 1500),
-    ("direct", VIEWS, "the robot's blue parts", BLUE_ROBOT, 500),
+    ("direct", FIRST_VIEW, "the robot", WHITE_ROBOT, 800),
     ("direct", VIEWS, "words", TEXT, 3000),
     *[
         (name, *rest)
@@ -47,10 +47,13 @@ SEEN = [
     ],
     ("campaign", PLOTS, "errors by angle", SKY, 1500),
     ("ladder", PLOTS, "fitted errors", SKY, 1500),
-    ("ladder", PLOTS, "held-out errors", ORANGE, 1500),
     ("angles", PLOTS, "errors by angle", SKY, 1500),
     ("errors", PLOTS, "errors of the nominal robot", SKY, 3000),
     ("errors", PLOTS, "errors of the next step", ORANGE, 3000),
+    ("fit", CELL, "the robot's blue parts", BLUE_ROBOT, 8000),
+    ("fit", PLOTS, "fitted errors", SKY, 1500),
+    ("commands", CELL, "the robot's blue parts", BLUE_ROBOT, 8000),
+    ("commands", WORDS, "words", TEXT, 3000),
     ("drill", CELL, "the robot's blue parts", BLUE_ROBOT, 30000),
     ("drill", CELL, "both wrists' forces", FORCE, 2000),
     ("drill", CELL, "torque", TORQUE, 300),

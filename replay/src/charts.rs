@@ -172,11 +172,11 @@ fn angles(stream: &RecordingStream, scene: &Scene) -> Logged {
         };
         let mut before: Vec<Vec<[f32; 2]>> = Vec::new();
         let mut after: Vec<Vec<[f32; 2]>> = Vec::new();
-        for step in 0..scene.steps.len() {
+        for (step, words) in heights.iter_mut().enumerate() {
             let old = &along.errors[step.saturating_sub(1)];
             let sizes = old.iter().map(|error| error.abs()).collect();
             let most = round_up(quantile(sizes, 0.99).max(1e-9));
-            heights[step].push((
+            words.push((
                 [corner[0] + 12.0, corner[1] + 3.5],
                 format!("±{}", millimetres(most)),
             ));
@@ -248,11 +248,15 @@ fn ladder(stream: &RecordingStream, scene: &Scene) -> Logged {
     };
     let x = |step: usize| WIDTH * (step as f64 + 0.5) / scene.steps.len() as f64;
     decades.send(stream, "charts/ladder", &|value| millimetres(value))?;
-    let kinds: [(&str, [u8; 3], Vec<Option<f64>>); 2] = [
+    let kinds = [
         (
             "fitted",
             COLOURS[0],
-            scene.steps.iter().map(|s| Some(s.rms.0)).collect(),
+            scene
+                .steps
+                .iter()
+                .map(|s| Some(s.rms.0))
+                .collect::<Vec<_>>(),
         ),
         (
             "held_out",

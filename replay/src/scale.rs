@@ -1,7 +1,7 @@
 //! Scales in the scene: colours of errors in mm, lengths of arrows.
 
 use crate::Scene;
-use crate::loads::{FORCE, Lengths, TORQUE};
+use crate::loads::{FORCE, Lengths, TORQUE, WEIGHT};
 use crate::log::{Logged, fixed, path, xyz};
 use crate::readings::{GREY, colour, colour_of};
 use crate::scene::round;
@@ -43,8 +43,15 @@ pub fn send(stream: &RecordingStream, scene: &Scene) -> Logged {
         )?;
     }
     let lengths = Lengths::of(scene);
+    let mut readings = scene.recording.campaign.readings.iter();
+    let measured = readings.any(|reading| reading.wrench.is_some());
     let kinds = [
-        ("force", lengths.force, FORCE, "N"),
+        (
+            "force",
+            lengths.force,
+            if measured { FORCE } else { WEIGHT },
+            "N",
+        ),
         ("torque", lengths.torque, TORQUE, "N·m"),
     ];
     for (name, length, colour, unit) in kinds {
