@@ -553,6 +553,24 @@ fn wrong_usage_is_exit_2() {
     }
 }
 
+#[test]
+fn without_a_viewer_it_is_one_line_and_exit_1() {
+    let folder = written();
+    for words in [
+        &["x.mcap"][..],
+        &["x.mcap", "--connect", "nonsense"],
+        &["x.mcap", "--connect", "rerun+http://127.0.0.1:1/proxy"],
+    ] {
+        let mut command = replay(folder.path());
+        command.env("PATH", "").env("RUST_LOG", "off");
+        let output = command.args(words).output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{words:?}: {said}");
+        assert!(said.starts_with("misfit: "), "{said}");
+        assert_eq!(said.lines().count(), 1, "{said}");
+    }
+}
+
 /// A disk that is full, as far as the program can tell: no file may grow beyond 4 kB.
 #[cfg(unix)]
 #[test]
