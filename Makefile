@@ -6,12 +6,12 @@ MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights map drill
 BLIND     = rich noise outliers form alias
 
-.PHONY: run test setup build format lint unit examples scenarios blind blind-all pictures recordings readers doc bench
+.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer picture-replay pictures recordings readers doc bench
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
 
-test: setup format lint unit doc examples scenarios blind
+test: setup format lint unit doc examples scenarios blind viewer
 	@echo "all tests, lints, examples, scenarios and blind cases passed"
 
 # MuJoCo from Debian, or another copy through MUJOCO_DIR.
@@ -21,17 +21,21 @@ setup:
 build: setup
 	cargo build --release --locked
 
+# what `misfit replay` starts: ten minutes on two cores, the first time
+replay: build
+	cargo build --release --locked -p misfit-replay
+
 format:
-	cargo fmt --check
+	cargo fmt --all --check
 
 lint: setup
-	cargo clippy --locked --all-targets -- --deny warnings
+	cargo clippy --locked --workspace --all-targets -- --deny warnings
 
 unit: setup
-	cargo test --locked
+	cargo test --locked --workspace
 
 doc: setup
-	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps
+	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --workspace --no-deps
 
 examples: setup
 	cargo run --release --locked --example own_effect
@@ -47,7 +51,16 @@ blind: build
 blind-all: build
 	@set -e; for name in $(BLIND); do $(MISFIT) sweep scenarios/blind/$$name.toml; echo; done
 
-# the pictures of the README
+# recordings opened in the real viewer, without a screen, and the pictures looked at
+viewer: setup
+	cargo build --locked -p misfit -p misfit-replay
+	sh .ci/viewer
+
+picture-replay: viewer
+	target/viewer/venv/bin/python -c "from PIL import Image; \
+		Image.open('target/viewer/ladder.png').convert('RGB').resize((1400, 860)).quantize(256).save('docs/pictures/replay.png')"
+
+# the pictures of the README, but for that
 pictures: build
 	$(MISFIT) run scenarios/map.toml -o target/pictures
 	$(MISFIT) drill scenarios/drill.toml -o target/pictures

@@ -2286,3 +2286,67 @@ fn shells_and_man_know_every_command() {
     write(at, "file", "mine");
     refused(at, &["man", "-o", "file"], &["file", "cannot be made"]);
 }
+
+/// The program alone in a folder, with nothing on the PATH.
+#[cfg(unix)]
+fn alone(folder: &Path) -> Command {
+    let own = folder.join("misfit");
+    let built = env!("CARGO_BIN_EXE_misfit");
+    if fs::hard_link(built, &own).is_err() {
+        fs::copy(built, &own).unwrap();
+    }
+    let mut command = Command::new(own);
+    command.current_dir(folder).env("PATH", "");
+    command
+}
+
+#[cfg(unix)]
+#[test]
+fn replay_without_its_program_says_how_to_get_it() {
+    let folder = TempDir::new().unwrap();
+    let output = alone(folder.path())
+        .args(["replay", "x.mcap"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert_eq!(said.lines().count(), 1, "{said}");
+    for word in [
+        "misfit: misfit-replay",
+        "cargo build --release -p misfit-replay",
+        "cargo install --path replay",
+    ] {
+        assert!(said.contains(word), "{said}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn replay_passes_words_on_and_exit_codes_back() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = TempDir::new().unwrap();
+    let program = folder.path().join("misfit-replay");
+    let script = "#!/bin/sh\nfor word; do echo \"$word\"; done\nexit ${CODE:-0}\n";
+    fs::write(&program, script).unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let mut misfit = alone(folder.path());
+    misfit.args(["replay", "-x.mcap", "--save", "a b.rrd"]);
+    misfit.assert().code(2);
+    for code in [0, 1, 2] {
+        let mut misfit = alone(folder.path());
+        misfit.args([
+            "replay",
+            "--save",
+            "a b.rrd",
+            "--timeline",
+            "step",
+            "--",
+            "-x.mcap",
+        ]);
+        let ended = misfit.env("CODE", code.to_string()).assert().code(code);
+        ended.stdout("--save\na b.rrd\n--timeline\nstep\n--\n-x.mcap\n");
+    }
+    let mut misfit = alone(folder.path());
+    misfit.args(["--quiet", "replay", "x.mcap"]);
+    misfit.assert().code(0).stdout("");
+}

@@ -13,6 +13,7 @@ mod pictures;
 mod plan;
 mod progress;
 mod record;
+pub mod replay;
 mod report;
 mod run;
 mod simulate;
@@ -49,6 +50,7 @@ enum Command {
     Diagnose(diagnose::Arguments),
     Ladder(ladder::Arguments),
     Report(report::Arguments),
+    Replay(replay::Arguments),
     Plan(plan::Arguments),
     Compensate(compensate::Arguments),
     Map(map::Arguments),
@@ -68,6 +70,8 @@ pub enum Outcome {
     Done,
     /// Exit code 3: an expectation was missed, or a fit did not converge.
     Missed,
+    /// Exit code of the program that did it, which has said why.
+    Ended(u8),
 }
 
 /// Parses, runs, says what went wrong.
@@ -82,6 +86,7 @@ pub fn main() -> ExitCode {
         Command::Diagnose(arguments) => diagnose::run(&arguments),
         Command::Ladder(arguments) => ladder::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
+        Command::Replay(arguments) => replay::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Compensate(arguments) => compensate::run(&arguments),
         Command::Map(arguments) => map::run(&arguments),
@@ -96,6 +101,7 @@ pub fn main() -> ExitCode {
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Missed) => ExitCode::from(3),
+        Ok(Outcome::Ended(code)) => ExitCode::from(code),
         Err(error) if closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => match error.downcast::<clap::Error>() {
             Ok(usage) => {
@@ -113,7 +119,7 @@ pub fn main() -> ExitCode {
 }
 
 /// The error and its causes, each said once: most messages hold their cause already.
-fn message(error: &anyhow::Error) -> String {
+pub fn message(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
         if !text.contains(&cause) {

@@ -8,7 +8,7 @@ pub mod noise;
 pub mod paper;
 mod rank;
 pub mod solve;
-mod start;
+pub mod start;
 pub(crate) mod triangle;
 
 use crate::campaign::{Campaign, Noise, Reading, Split};
