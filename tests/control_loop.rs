@@ -441,5 +441,5 @@ fn loops_that_make_no_sense_are_refused() {
         out.contains("2 poses left out") && !out.contains("0 mm"),
         "{out}"
     );
-    assert!(out.contains("expect   0 of 2 met"), "{out}");
+    assert!(out.contains("expect   0 of 3 met"), "{out}");
 }

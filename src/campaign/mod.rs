@@ -16,7 +16,7 @@ mod units;
 mod write;
 
 pub use error::CampaignError;
-pub use read::read_tasks;
+pub use read::{Tasks, read_tasks};
 
 pub(crate) use check::plain_file_name;
 pub(crate) use document::{Document, render as render_document};

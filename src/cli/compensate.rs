@@ -1,7 +1,7 @@
 //! `misfit compensate`.
 
 use super::{Outcome, print, print_json, progress, usage};
-use crate::campaign::{Campaign, Reading, read_tasks, render_commands, write_atomically};
+use crate::campaign::{Campaign, Reading, Tasks, read_tasks, render_commands, write_atomically};
 use crate::compensation::{Corrected, End, Reach, Robot, correct, posture};
 use crate::fit::{self, Options};
 use crate::model::{Model, Workspace};
@@ -113,7 +113,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
-    let (mut tasks, named) = read_tasks(&arguments.tasks, &campaign)?;
+    let Tasks {
+        readings: mut tasks,
+        has_joints: named,
+        warnings,
+    } = read_tasks(&arguments.tasks, &campaign)?;
     let model = model_file::model(
         &campaign,
         arguments.effects.as_deref(),
@@ -245,8 +249,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             found.readings.0,
             report::format::length(found.fit.position_rms_m)
         );
-        let text =
+        let mut text =
             report::compensate::text(&campaign, &tasks, &corrected, &ground, written.as_deref());
+        for warning in &warnings {
+            text += &format!(
+                "{}\n",
+                report::format::wrap(&format!("note     {warning}"), 9)
+            );
+        }
         print(&text)?;
     }
     let all = corrected.iter().all(|c| c.command.end == End::Reached);
