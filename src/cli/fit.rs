@@ -6,7 +6,7 @@ use crate::fit::{self, Options};
 use crate::model_file;
 use crate::report;
 use crate::report::fit::Detail;
-use crate::report::html::{Origin, Results};
+use crate::report::html::{Origin, Results, Step};
 use std::path::PathBuf;
 
 /// Identify a model's parameters from a campaign: values, intervals, errors, and what cannot be seen.
@@ -82,8 +82,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let effects = arguments.effects.as_ref();
         let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
         let origin = Origin {
-            command: format!("misfit fit {path}{of_model}{effects}"),
-            next: vec![next.clone()],
+            command: format!(
+                "misfit fit {path}{of_model}{effects}{}",
+                pages::quickly(arguments.no_cross_validation)
+            ),
+            next: vec![Step::new(
+                "ask which physical effect the model lacks, if any",
+                next.clone(),
+            )],
             seed: None,
         };
         let results = Results::Fit {

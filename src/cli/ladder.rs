@@ -87,7 +87,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let stop = arguments.stop_at.as_ref();
         let stop = stop.map_or_else(String::new, |stop| format!(" --stop-at {stop}"));
         let origin = Origin {
-            command: format!("misfit ladder {path}{given}{stop}"),
+            command: format!(
+                "misfit ladder {path}{given}{stop}{}",
+                pages::quickly(arguments.no_cross_validation)
+            ),
             next: pages::after_ladder(&path.to_string(), &given, &found.last),
             seed: None,
         };
