@@ -1,6 +1,7 @@
 """Opens HTML reports in headless Chromium and looks at them as a reader would.
 
     browser.py PAGE.html ... [--shots DIR]
+    browser.py PAGE.html --picture FILE.png
 
 Each page in light and dark, 400, 700 and 1400 px wide, and on paper. Exit code 1 and a line for each complaint.
 """
@@ -130,8 +131,10 @@ def size(driver, width):
     )
 
 
-def picture(driver, path):
+def picture(driver, path, height=None):
     whole = driver.execute_cdp_cmd("Page.getLayoutMetrics", {})["cssContentSize"]
+    if height:
+        whole["height"] = height
     shot = driver.execute_cdp_cmd(
         "Page.captureScreenshot",
         {"captureBeyondViewport": True, "clip": {**whole, "scale": 1}},
@@ -189,6 +192,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("pages", nargs="+", type=pathlib.Path, metavar="PAGE.html")
     parser.add_argument("--shots", type=pathlib.Path, metavar="DIR", help="keep a picture of each look")
+    parser.add_argument("--picture", type=pathlib.Path, metavar="FILE.png", help="only the top of the page, 1000 px wide")
     wanted = parser.parse_args()
     if wanted.shots:
         wanted.shots.mkdir(parents=True, exist_ok=True)
@@ -196,6 +200,12 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         driver = browser(folder)
         try:
+            if wanted.picture:
+                media(driver, "", "light")
+                size(driver, 1000)
+                driver.get(wanted.pages[0].resolve().as_uri())
+                picture(driver, wanted.picture, 1750)
+                return
             for page in wanted.pages:
                 found = look(driver, page, wanted.shots)
                 print(f"{page.name}: {len(found) or 'no'} complaint{'s' if len(found) != 1 else ''}")

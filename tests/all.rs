@@ -25,5 +25,6 @@ mod plan;
 mod plant;
 mod plot;
 mod recording;
+mod report;
 mod robot;
 mod sweep;

@@ -99,7 +99,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let ladder = of_model
         .is_none()
         .then(|| format!("misfit ladder {path}{tried}"))
-        .map(|command| Step::new("watch the error fall from the frames on, rung by rung", command));
+        .map(|command| {
+            Step::new(
+                "watch the error fall from the frames on, rung by rung",
+                command,
+            )
+        });
     let steps: Vec<Step> = add.into_iter().chain(apart).chain(ladder).collect();
     if let Some(file) = &arguments.report {
         let effects = arguments.effects.as_ref();
@@ -109,7 +114,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
                 "misfit diagnose {path}{given}{effects}{tried}{}",
                 pages::quickly(arguments.no_cross_validation)
             ),
-            next: steps.clone(),
+            next: pages::own_law(&path.to_string(), &found)
+                .into_iter()
+                .chain(steps.clone())
+                .collect(),
             seed: None,
         };
         let results = Results::Diagnosis {

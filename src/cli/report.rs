@@ -2,7 +2,7 @@
 
 use super::{Outcome, print, progress};
 use crate::campaign::{Campaign, write_atomically};
-use crate::diagnosis::{self, Diagnosis};
+use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::fit::Options;
 use crate::ladder;
 use crate::model_file;
@@ -125,7 +125,21 @@ pub(super) fn after_ladder(path: &str, given: &str, last: &Diagnosis) -> Vec<Ste
             format!("misfit plan {path}"),
         ),
     };
-    vec![keep, plan]
+    own_law(path, last)
+        .into_iter()
+        .chain([keep, plan])
+        .collect()
+}
+
+/// Where the catalogue has no name for what is left, the user may have an idea.
+pub(super) fn own_law(path: &str, last: &Diagnosis) -> Option<Step> {
+    let unexplained = matches!(last.verdict, Verdict::Unknown | Verdict::NamedIncomplete);
+    (unexplained && !last.stopped && last.power.is_enough()).then(|| {
+        Step::new(
+            "write down what you think it is as a law of your own (misfit effects show expression), and try it",
+            format!("misfit diagnose {path} --candidates laws.toml"),
+        )
+    })
 }
 
 /// What settles an alias.

@@ -31,7 +31,11 @@ pub(super) fn draw(panel: &Panel, levels: &Levels, area: &Area<'_>) -> Result<()
     let right = width - 2 * MARGIN as i32;
     let left = left.min(right / 2);
     // without a title its room is left out
-    let above = if panel.title.is_empty() { 0 } else { ABOVE as i32 };
+    let above = if panel.title.is_empty() {
+        0
+    } else {
+        ABOVE as i32
+    };
     let high = above + MARGIN as i32 + LEGEND;
     let low = height - (BELOW + MARGIN) as i32;
     // an eighth of a decade beside the outermost

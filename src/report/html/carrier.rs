@@ -8,11 +8,11 @@ use super::pull::{Pull, Seen, along, of_joint, pull, seen, turned};
 use super::variables::{Variable, bare, carrying, different, variables};
 use super::{Picture, ReportError, Results, fitted, rms, thinned};
 use crate::campaign::{Campaign, Reading};
-use crate::diagnosis::{Diagnosis, Verdict, ripple};
+use crate::diagnosis::{Diagnosis, Pattern, VISIBLE, Verdict, ripple};
 use crate::fit::Fit;
 use crate::fit::noise::Source;
 use crate::report::diagnosis::{p_value, words};
-use crate::report::format::number;
+use crate::report::format::{length, number};
 use nalgebra::Vector6;
 
 /// What the section shows.
@@ -76,9 +76,9 @@ pub(super) fn section(campaign: &Campaign, results: &Results<'_>) -> Result<Sect
                                           campaign can tell."
                     .to_owned(),
                 (_, Some(_)) => "No effect of the catalogue is drawn: none explains it. The line is the mean of the \
-                                 points about it."
+                                 points about it; where they keep away from zero, the model fails."
                     .to_owned(),
-                _ => "What carries the error is not a variable of single readings.".to_owned(),
+                _ => "No single variable of the readings carries the error.".to_owned(),
             };
             plots.extend(pattern);
         }
@@ -94,11 +94,15 @@ pub(super) fn section(campaign: &Campaign, results: &Results<'_>) -> Result<Sect
                 drawn.push(pull(fit, term, &readings));
             }
             drawn.sort_by(|a, b| b.size.total_cmp(&a.size));
-            for pull in drawn.iter().take(EFFECTS).filter(|pull| pull.size > 0.0) {
+            for pull in drawn.iter().take(EFFECTS) {
                 let waves = diagnosis.map_or(&[][..], |d| &d.waves);
-                plots.push(named(fit, &seen, pull, &readings, waves)?);
+                plots.push(match pull.size.powi(2) * all.len() as f64 >= VISIBLE {
+                    true => named(fit, &seen, pull, &readings, waves)?,
+                    false => unmoved(pull),
+                });
             }
-            note = match plots.is_empty() {
+            note = match plots.iter().all(|plot| plot.pictures.is_empty()) {
+                true if !plots.is_empty() => String::new(),
                 true => "The model holds no effect beside frames and geometry that could be drawn.".to_owned(),
                 false => "Of each effect two pictures on one scale: without it, what the readings show when it is left out of \
                           the model and all other parameters are kept, with the fitted effect as a line; with it, what \
@@ -252,13 +256,54 @@ fn named(
     })
 }
 
+/// An effect that hardly moves the target: other readings show it.
+fn unmoved(pull: &Pull) -> Plot {
+    let moves = rms(pull.moves.iter().map(|row| row.fixed_rows::<3>(0).norm()));
+    let most = format!(
+        "It hardly moves the target ({} rms): the wrist wrenches show it.",
+        length(moves)
+    );
+    Plot {
+        effect: pull.id.clone(),
+        title: pull.id.clone(),
+        words: format!("{most} There is nothing to draw of positions."),
+        most,
+        pictures: Vec::new(),
+        variable: String::new(),
+        unit: "",
+        named: true,
+        bins: Vec::new(),
+    }
+}
+
 /// What a pattern without a name says: the misfit of the base model against its variable.
 fn unnamed(diagnosis: &Diagnosis, readings: &[&Reading]) -> Result<Option<Plot>, ReportError> {
     let fit = &diagnosis.base;
-    let Some(pattern) = diagnosis.patterns.first() else {
-        return Ok(None);
-    };
+    let patterns = diagnosis.patterns.iter();
+    let sure = patterns.filter(|pattern| pattern.log_evidence > 0.0);
     let seen = seen(fit, readings);
+    for (place, pattern) in sure.enumerate() {
+        if let Some(mut plot) = against_its_variable(diagnosis, &seen, pattern, readings)? {
+            if place > 0 {
+                plot.words = format!(
+                    "What explains most follows no single variable; this is the nearest that does. {}",
+                    plot.words
+                );
+            }
+            return Ok(Some(plot));
+        }
+    }
+    Ok(None)
+}
+
+/// One pattern, if it follows a variable of single readings.
+fn against_its_variable(
+    diagnosis: &Diagnosis,
+    seen: &[Seen],
+    pattern: &Pattern,
+    readings: &[&Reading],
+) -> Result<Option<Plot>, ReportError> {
+    let fit = &diagnosis.base;
     let setup = &fit.model.setup;
     // patterns say in words which joint errs: the longest name that fits is it
     let errs = |place: &usize| {
@@ -268,15 +313,15 @@ fn unnamed(diagnosis: &Diagnosis, readings: &[&Reading]) -> Result<Option<Plot>,
     let place = (0..setup.observed.len()).find(errs);
     let nothing = vec![Vector6::zeros(); readings.len()];
     let shown = match place {
-        Some(place) => of_joint(fit, &seen, place, &nothing),
+        Some(place) => of_joint(fit, seen, place, &nothing),
         None => {
             let moves: Vec<Vector6<f64>> = seen.iter().map(|seen| seen.left).collect();
-            let mut shown = along(&seen, &moves);
+            let mut shown = along(seen, &moves);
             shown.pull = vec![0.0; moves.len()];
             shown
         }
     };
-    let all = variables(fit, &seen, readings, place, &diagnosis.waves);
+    let all = variables(fit, seen, readings, place, &diagnosis.waves);
     let named = |variable: &&Variable| {
         let name = variable.name.as_str();
         let rest = name.strip_prefix(pattern.variable.as_str());

@@ -100,6 +100,10 @@ fn diagnosed(diagnosis: &Diagnosis, plots: &[Plot]) -> (&'static str, String, Ve
     };
     let mut paragraphs: Vec<String> = Vec::new();
     let (tone, headline) = match diagnosis.verdict {
+        Verdict::Unknown if diagnosis.stopped => (
+            "unsure",
+            "Something is missing; it was told to stop before it looked for what.".to_owned(),
+        ),
         Verdict::Nothing | Verdict::Unknown if !power.is_enough() => (
             "unsure",
             "This campaign cannot say what is missing.".to_owned(),
@@ -162,6 +166,7 @@ fn diagnosed(diagnosis: &Diagnosis, plots: &[Plot]) -> (&'static str, String, Ve
         paragraphs.push("The form of what was found may be wrong.".to_owned());
     }
     if diagnosis.verdict == Verdict::Unknown
+        && !diagnosis.stopped
         && let Some(pattern) = diagnosis.patterns.first()
     {
         paragraphs.push(format!(
@@ -180,7 +185,9 @@ fn diagnosed(diagnosis: &Diagnosis, plots: &[Plot]) -> (&'static str, String, Ve
         ));
     }
     if diagnosis.stopped {
-        paragraphs.push("It was told to stop here; tests still alarm.".to_owned());
+        paragraphs.push(
+            "The tests still alarm: this model is not the last word on these readings.".to_owned(),
+        );
     }
     if !power.is_enough() {
         let lacks = power.lacks();
@@ -257,7 +264,7 @@ fn numbers(results: &Results<'_>) -> Vec<Number> {
             from: None,
         });
         numbers.push(Number {
-            what: "what is left, in noise (× 1 is noise alone)",
+            what: "what is left, in noise",
             value: format!("× {}", number(in_noise(fit, &fit.fit))),
             from: None,
         });
