@@ -204,7 +204,7 @@ def main():
                 media(driver, "", "light")
                 size(driver, 1000)
                 driver.get(wanted.pages[0].resolve().as_uri())
-                picture(driver, wanted.picture, 1750)
+                picture(driver, wanted.picture, 2160)
                 return
             for page in wanted.pages:
                 found = look(driver, page, wanted.shots)

@@ -5,8 +5,10 @@ use super::{Picture, ReportError, panel, picture, rms};
 use crate::plot::{Content, Dots, Series};
 use crate::report::format::number;
 
-/// Points of a line.
-const LINE: usize = 60;
+/// Points of the line of an effect, which is smooth.
+pub(super) const EFFECT: usize = 60;
+/// Points of the line of means, each of so many readings that chance is small.
+pub(super) const MEANS: usize = 20;
 
 /// Stretches of the variable in the table.
 const BINS: usize = 8;
@@ -61,11 +63,11 @@ pub(super) fn scatter(
     Ok(picture(panel, 320, alt, caption)?)
 }
 
-/// A line through points: means of as many stretches of equally many, or of equal values of the variable.
-pub(super) fn averaged(variable: &[f64], values: &[f64]) -> Vec<(f64, f64)> {
+/// A line through points: means of at most so many stretches of equally many, or of equal values of the variable.
+pub(super) fn averaged(variable: &[f64], values: &[f64], most: usize) -> Vec<(f64, f64)> {
     let mut order: Vec<usize> = (0..values.len()).collect();
     order.sort_by(|&a, &b| variable[a].total_cmp(&variable[b]).then(a.cmp(&b)));
-    let least = order.len().div_ceil(LINE);
+    let least = order.len().div_ceil(most);
     let mut line = Vec::new();
     let mut part: Vec<usize> = Vec::new();
     for (at, &k) in order.iter().enumerate() {

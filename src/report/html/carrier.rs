@@ -3,7 +3,7 @@
 //! What the readings show of an effect, and the effect as fitted, against the variable that carries it: without the
 //! effect and with it.
 
-use super::against::{Bin, averaged, bins, range, scatter};
+use super::against::{Bin, EFFECT, MEANS, averaged, bins, range, scatter};
 use super::pull::{Pull, Seen, along, of_joint, pull, seen, turned};
 use super::variables::{Variable, bare, carrying, different, variables};
 use super::{Picture, ReportError, Results, fitted, rms, thinned};
@@ -220,7 +220,7 @@ fn named(
         .collect();
     let with: Vec<f64> = shown.left.iter().map(|x| x * shown.scale).collect();
     let effect: Vec<f64> = shown.pull.iter().map(|x| x * shown.scale).collect();
-    let line = averaged(&variable.values, &effect);
+    let line = averaged(&variable.values, &effect, EFFECT);
     let title = format!("{} against {}", pull.id, bare(&variable.name));
     let name = format!("fitted {}", pull.id);
     let (before, after) = (rms(without.iter().copied()), rms(with.iter().copied()));
@@ -331,7 +331,7 @@ fn against_its_variable(
         return Ok(None);
     };
     let left: Vec<f64> = shown.left.iter().map(|x| x * shown.scale).collect();
-    let line = averaged(&variable.values, &left);
+    let line = averaged(&variable.values, &left, MEANS);
     let picture = scatter(
         "what the model leaves",
         (variable, &shown.quantity),
