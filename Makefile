@@ -6,13 +6,13 @@ MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights map drill
 BLIND     = rich noise outliers form alias
 
-.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer picture-replay pictures recordings readers doc bench
+.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages picture-replay pictures recordings readers doc bench
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
 
-test: setup format lint unit doc examples scenarios blind viewer
-	@echo "all tests, lints, examples, scenarios and blind cases passed"
+test: setup format lint unit doc examples scenarios blind readers viewer pages
+	@echo "all tests, lints, examples, scenarios, blind cases, recordings and pages passed"
 
 # MuJoCo from Debian, or another copy through MUJOCO_DIR.
 setup:
@@ -60,12 +60,19 @@ picture-replay: viewer
 	target/viewer/venv/bin/python -c "from PIL import Image; \
 		Image.open('target/viewer/ladder.png').convert('RGB').resize((1400, 860)).quantize(256).save('docs/pictures/replay.png')"
 
-# the pictures of the README, but for that
+# reports of every kind, opened in headless Chromium (from Debian): three minutes; pictures in target/pages/shots
+pages: build
+	@sh .ci/pages
+
+# the pictures of the README, but for that of the replay
 pictures: build
 	$(MISFIT) run scenarios/map.toml -o target/pictures
 	$(MISFIT) drill scenarios/drill.toml -o target/pictures
 	cp target/pictures/map.map.plant.png docs/pictures/map.png
 	cp target/pictures/drill.drill.png docs/pictures/drill.png
+	$(MISFIT) simulate scenarios/hidden.toml -o target/pictures/hidden.mcap
+	$(MISFIT) report target/pictures/hidden.mcap -o target/pictures/hidden.html
+	sh .ci/browser target/pictures/hidden.html --picture docs/pictures/report.png
 
 # the small recordings that are kept, by the commands of their README
 recordings: build

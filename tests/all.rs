@@ -26,5 +26,6 @@ mod plan;
 mod plant;
 mod plot;
 mod recording;
+mod report;
 mod robot;
 mod sweep;

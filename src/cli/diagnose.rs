@@ -6,7 +6,7 @@ use crate::campaign::Campaign;
 use crate::diagnosis::{self, Diagnosis};
 use crate::fit::{self, Options};
 use crate::report::format::WIDTH;
-use crate::report::html::{Origin, Results};
+use crate::report::html::{Origin, Results, Step};
 use crate::{model_file, report};
 use std::path::PathBuf;
 
@@ -95,18 +95,28 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         (Some(effect), None) => Some(format!("misfit fit {path}{given} --effects +{effect}")),
         (None, _) => None,
     };
-    let apart = found
-        .alike
-        .first()
-        .map(|(a, b)| format!("misfit plan {path} --separate {},{}", a.id(), b.id()));
+    let add = add.map(|command| Step::new("fit the model with what is missing", command));
+    let apart = found.alike.first().map(|(a, b)| {
+        let command = format!("misfit plan {path} --separate {},{}", a.id(), b.id());
+        pages::tell_apart(a.id(), b.id(), command)
+    });
     // a ladder starts from the frames, whatever the model
     let ladder = of_model
         .is_none()
-        .then(|| format!("misfit ladder {path}{tried}"));
-    let commands: Vec<String> = add.into_iter().chain(apart).chain(ladder).collect();
+        .then(|| format!("misfit ladder {path}{tried}"))
+        .map(|command| {
+            Step::new(
+                "watch the error fall from the frames on, rung by rung",
+                command,
+            )
+        });
+    let steps: Vec<Step> = add.into_iter().chain(apart).chain(ladder).collect();
     let effects = arguments.effects.as_ref();
     let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
-    let command = format!("misfit diagnose {path}{given}{effects}{tried}");
+    let command = format!(
+        "misfit diagnose {path}{given}{effects}{tried}{}",
+        pages::quickly(arguments.no_cross_validation)
+    );
     let document = report::diagnosis::document(&found, next.as_ref());
     let mut recorded = String::new();
     if arguments.record.record.is_some() {
@@ -123,7 +133,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(file) = &arguments.report {
         let origin = Origin {
             command,
-            next: commands.clone(),
+            next: pages::own_law(&path.to_string(), &found)
+                .into_iter()
+                .chain(steps.clone())
+                .collect(),
             seed: None,
         };
         let results = Results::Diagnosis {
@@ -143,6 +156,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         if !recorded.is_empty() {
             text += &format!("\n{recorded}");
         }
+        let commands: Vec<&str> = steps.iter().map(|step| step.command.as_str()).collect();
         if !commands.is_empty() {
             let side = commands.join("     or     ");
             // commands stay whole where they do not fit beside each other

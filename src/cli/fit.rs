@@ -7,7 +7,7 @@ use crate::fit::{self, Options};
 use crate::model_file;
 use crate::report;
 use crate::report::fit::Detail;
-use crate::report::html::{Origin, Results};
+use crate::report::html::{Origin, Results, Step};
 use std::path::PathBuf;
 
 /// Identify a model's parameters from a campaign: values, intervals, errors, and what cannot be seen.
@@ -85,7 +85,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let next = format!("misfit diagnose {path}{of_model}");
     let effects = arguments.effects.as_ref();
     let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
-    let command = format!("misfit fit {path}{of_model}{effects}");
+    let quickly = pages::quickly(arguments.no_cross_validation);
+    let command = format!("misfit fit {path}{of_model}{effects}{quickly}");
     let document = report::json::fit(&found, baseline.as_ref());
     let recorded = arguments.record.write(
         &campaign,
@@ -97,7 +98,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(file) = &arguments.report {
         let origin = Origin {
             command,
-            next: vec![next.clone()],
+            next: vec![Step::new(
+                "ask which physical effect the model lacks, if any",
+                next.clone(),
+            )],
             seed: None,
         };
         let results = Results::Fit {

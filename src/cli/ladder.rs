@@ -90,7 +90,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     let stop = arguments.stop_at.as_ref();
     let stop = stop.map_or_else(String::new, |stop| format!(" --stop-at {stop}"));
-    let command = format!("misfit ladder {path}{given}{stop}");
+    let quickly = pages::quickly(arguments.no_cross_validation);
+    let command = format!("misfit ladder {path}{given}{stop}{quickly}");
     let document = report::ladder::document(&found);
     let recorded = arguments.record.write(
         &campaign,

@@ -7,7 +7,7 @@ use super::{
 use crate::fit::{self, Options};
 use crate::model_file;
 use crate::report;
-use crate::report::html::{Origin, Results};
+use crate::report::html::{Origin, Results, Step};
 use crate::report::run::{Instead, RunDocument};
 use crate::scenario::compensated::{self, Compensate};
 use crate::scenario::control_loop::{self, ControlLoop, Looped};
@@ -131,8 +131,14 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
         let origin = Origin {
             command: format!("misfit run {path}{seed}"),
             next: vec![
-                format!("misfit simulate {path}{seed} -o {recording}"),
-                format!("misfit report {recording}"),
+                Step::new(
+                    "keep the campaign that this scenario simulates",
+                    format!("misfit simulate {path}{seed} -o {recording}"),
+                ),
+                Step::new(
+                    "then ask which physical effect the model lacks, if any",
+                    format!("misfit report {recording}"),
+                ),
             ],
             seed: Some(scenario.seed),
         };
