@@ -6,12 +6,12 @@ MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights map drill
 BLIND     = rich noise outliers form alias
 
-.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages picture-replay pictures recordings readers doc bench
+.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
 
-test: setup format lint unit doc examples scenarios blind readers viewer pages
+test: setup format lint unit doc examples scenarios blind readers bags viewer pages
 	@echo "all tests, lints, examples, scenarios, blind cases, recordings and pages passed"
 
 # MuJoCo from Debian, or another copy through MUJOCO_DIR.
@@ -63,6 +63,11 @@ picture-replay: viewer
 # reports of every kind, opened in headless Chromium (from Debian): three minutes; pictures in target/pages/shots
 pages: build
 	@sh .ci/pages
+
+# bags by two writers that are not ours become the same campaign
+bags: build
+	sh .ci/venv
+	target/venv/bin/python .ci/bag.py $(MISFIT) target/bags
 
 # the pictures of the README, but for that of the replay
 pictures: build

@@ -1,6 +1,7 @@
 //! A virtual calibration lab for serial robot arms.
 #![doc = ""]
 
+pub mod bag;
 pub mod campaign;
 pub mod cli;
 pub mod compensation;

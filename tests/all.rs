@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, missing_docs)]
 
+mod bag;
 mod campaign;
 mod cli;
 mod common;

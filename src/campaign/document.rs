@@ -80,12 +80,18 @@ pub(super) enum SplitRule {
 }
 
 /// The parts of a campaign that its file settles, the robot being known.
-pub(crate) struct Settings {
-    pub(crate) gravity: Vector3<f64>,
-    pub(crate) targets: Vec<Target>,
-    pub(crate) base_from_tracker: Frame,
-    pub(crate) link_from_target: Vec<Frame>,
-    pub(crate) noise: Option<Noise>,
+#[derive(Debug, Clone)]
+pub struct Settings {
+    /// Gravity in the base frame, m/s².
+    pub gravity: Vector3<f64>,
+    /// What the tracker sees.
+    pub targets: Vec<Target>,
+    /// Where the tracker stands in the robot's base frame.
+    pub base_from_tracker: Frame,
+    /// Where each target sits on its link.
+    pub link_from_target: Vec<Frame>,
+    /// What the file says of the noise.
+    pub noise: Option<Noise>,
     pub(super) split: SplitRule,
 }
 

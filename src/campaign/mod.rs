@@ -15,12 +15,14 @@ mod table;
 mod units;
 mod write;
 
+pub use document::Settings;
 pub use error::CampaignError;
 pub use read::{Tasks, read_tasks};
 
 pub(crate) use check::plain_file_name;
 pub(crate) use document::{Document, render as render_document};
 pub(crate) use files::{read_at_most, write_atomically};
+pub(crate) use read::read_text;
 pub(crate) use render::render_commands;
 pub(crate) use row::unit_quaternion;
 pub(crate) use units::to_inner;

@@ -166,7 +166,8 @@ fn read_bytes(
     })
 }
 
-fn read_text(path: &Path, file: &str) -> Result<String, CampaignError> {
+/// Reads a text of at most 64 MB; `file` names it in messages.
+pub(crate) fn read_text(path: &Path, file: &str) -> Result<String, CampaignError> {
     let bytes = read_bytes(path, file, LARGEST_TEXT, "64 MB")?;
     String::from_utf8(bytes).map_err(|error| {
         let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];

@@ -7,6 +7,7 @@ mod drill;
 mod effects;
 mod export;
 mod fit;
+mod import;
 mod ladder;
 mod map;
 mod pictures;
@@ -46,6 +47,7 @@ missed, the fit did not converge, or a task was not reached.";
 #[derive(Debug, Subcommand)]
 enum Command {
     Simulate(simulate::Arguments),
+    Import(import::Arguments),
     Fit(fit::Arguments),
     Diagnose(diagnose::Arguments),
     Ladder(ladder::Arguments),
@@ -82,6 +84,7 @@ pub fn main() -> ExitCode {
     }
     let result = match arguments.command {
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Import(arguments) => import::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
         Command::Diagnose(arguments) => diagnose::run(&arguments),
         Command::Ladder(arguments) => ladder::run(&arguments),

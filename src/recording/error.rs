@@ -48,6 +48,28 @@ pub enum RecordingError {
         /// What is missing or different.
         found: String,
     },
+    /// Another storage than MCAP.
+    #[error("{file}: found {found}; accepted: an .mcap file, or a folder of them; {remedy}")]
+    Storage {
+        /// The bag.
+        file: String,
+        /// What it is.
+        found: String,
+        /// How to make of it what is read.
+        remedy: String,
+    },
+    /// A topic that is not there, or of a type that cannot be used.
+    #[error("{file}, topic {topic}: found {found}; accepted: {accepted}")]
+    Topic {
+        /// The bag.
+        file: String,
+        /// The topic.
+        topic: String,
+        /// Nothing, or its type.
+        found: String,
+        /// Types, or the topics there are.
+        accepted: String,
+    },
     /// A message does not fit the others.
     #[error("{file}, topic {topic}, log time {log_time} ns: {problem}")]
     Message {

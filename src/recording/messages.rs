@@ -185,6 +185,30 @@ pub(super) struct TransformStamped {
     pub(super) rotation: Xyzw,
 }
 
+impl Message for TransformStamped {
+    const NAME: &'static str = "geometry_msgs/msg/TransformStamped";
+    const TEXTS: &'static [(&'static str, &'static str)] = &[
+        text!("geometry_msgs", "TransformStamped"),
+        HEADER,
+        TIME,
+        text!("geometry_msgs", "Transform"),
+        VECTOR3,
+        QUATERNION,
+    ];
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct PointStamped {
+    pub(super) header: Header,
+    pub(super) point: Xyz,
+}
+
+impl Message for PointStamped {
+    const NAME: &'static str = "geometry_msgs/msg/PointStamped";
+    const TEXTS: &'static [(&'static str, &'static str)] =
+        &[text!("geometry_msgs", "PointStamped"), HEADER, TIME, POINT];
+}
+
 /// Transforms of many frames at one time.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Transforms {

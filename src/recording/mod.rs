@@ -5,6 +5,7 @@
 //! stands beside them: predictions, misfit, rungs, the verdict. The
 //! campaign file and the robot file are attached. Only this module speaks to the MCAP library.
 
+mod bag;
 mod cloud;
 mod description;
 mod error;
@@ -14,6 +15,7 @@ mod results;
 mod transforms;
 mod write;
 
+pub use bag::{Bag, PoseSample, Samples, Stamp, Topic, is_bag, read_bag};
 pub use cloud::{Cloud, write_clouds};
 pub use error::RecordingError;
 pub use read::{Recording, read_campaign, read_recording};

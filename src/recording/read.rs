@@ -27,7 +27,7 @@ use std::path::Path;
 const LARGEST: u64 = 2_000_000_000;
 const LARGEST_NAME: &str = "2 GB";
 /// Largest single record, bytes; ours are thousands of times smaller.
-const LARGEST_RECORD: usize = 256_000_000;
+pub(super) const LARGEST_RECORD: usize = 256_000_000;
 
 /// Reads a recording written by [`write_campaign`](super::write_campaign), equal in every bit.
 ///

@@ -9,6 +9,7 @@ pub mod export;
 pub mod fit;
 pub mod format;
 pub mod html;
+pub mod import;
 pub mod json;
 pub mod ladder;
 pub mod map;
