@@ -201,9 +201,9 @@ fn every_command_that_has_a_result_makes_a_page() {
             vec![
                 "ladder",
                 "named.mcap",
-                "--no-cross-validation",
                 "--stop-at",
                 "geometry",
+                "--no-cross-validation",
                 "--report",
                 "stopped.html",
             ],
