@@ -6,13 +6,13 @@ MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights map drill
 BLIND     = rich noise outliers form alias
 
-.PHONY: run test setup build format lint unit examples scenarios blind blind-all pictures doc bench bags
+.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
 
-test: setup format lint unit doc examples scenarios blind
-	@echo "all tests, lints, examples, scenarios and blind cases passed"
+test: setup format lint unit doc examples scenarios blind readers bags viewer pages
+	@echo "all tests, lints, examples, scenarios, blind cases, recordings and pages passed"
 
 # MuJoCo from Debian, or another copy through MUJOCO_DIR.
 setup:
@@ -21,17 +21,21 @@ setup:
 build: setup
 	cargo build --release --locked
 
+# what `misfit replay` starts: ten minutes on two cores, the first time
+replay: build
+	cargo build --release --locked -p misfit-replay
+
 format:
-	cargo fmt --check
+	cargo fmt --all --check
 
 lint: setup
-	cargo clippy --locked --all-targets -- --deny warnings
+	cargo clippy --locked --workspace --all-targets -- --deny warnings
 
 unit: setup
-	cargo test --locked
+	cargo test --locked --workspace
 
 doc: setup
-	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --no-deps
+	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --workspace --no-deps
 
 examples: setup
 	cargo run --release --locked --example own_effect
@@ -47,18 +51,44 @@ blind: build
 blind-all: build
 	@set -e; for name in $(BLIND); do $(MISFIT) sweep scenarios/blind/$$name.toml; echo; done
 
-# bags by two writers that are not ours (PyPI: rosbags, mcap-ros2-support) become the same campaign
-bags: build
-	test -x target/bags-venv/bin/python || python3 -m venv target/bags-venv
-	target/bags-venv/bin/pip install --quiet rosbags==0.11.9 mcap-ros2-support==0.6.0
-	target/bags-venv/bin/python .ci/bag.py $(MISFIT) target/bags
+# recordings opened in the real viewer, without a screen, and the pictures looked at
+viewer: setup
+	cargo build --locked -p misfit -p misfit-replay
+	sh .ci/viewer
 
-# the pictures of the README
+picture-replay: viewer
+	target/viewer/venv/bin/python -c "from PIL import Image; \
+		Image.open('target/viewer/ladder.png').convert('RGB').resize((1400, 860)).quantize(256).save('docs/pictures/replay.png')"
+
+# reports of every kind, opened in headless Chromium (from Debian): three minutes; pictures in target/pages/shots
+pages: build
+	@sh .ci/pages
+
+# bags by two writers that are not ours become the same campaign
+bags: build
+	sh .ci/venv
+	target/venv/bin/python .ci/bag.py $(MISFIT) target/bags
+
+# the pictures of the README, but for that of the replay
 pictures: build
 	$(MISFIT) run scenarios/map.toml -o target/pictures
 	$(MISFIT) drill scenarios/drill.toml -o target/pictures
 	cp target/pictures/map.map.plant.png docs/pictures/map.png
 	cp target/pictures/drill.drill.png docs/pictures/drill.png
+	$(MISFIT) simulate scenarios/hidden.toml -o target/pictures/hidden.mcap
+	$(MISFIT) report target/pictures/hidden.mcap -o target/pictures/hidden.html
+	sh .ci/browser target/pictures/hidden.html --picture docs/pictures/report.png
+
+# the small recordings that are kept, by the commands of their README
+recordings: build
+	@grep '^| `' recordings/README.md | sed 's/.*`misfit \([^`]*\)`.*/\1/' | while read -r words; do \
+		$(MISFIT) --quiet $$words || exit 1; done
+	@cd recordings && find . -type f ! -name '*.mcap' ! -name README.md ! -name tasks.csv -delete
+
+# every recording decoded by two readers that are not ours
+readers: build
+	sh .ci/venv
+	target/venv/bin/python .ci/readers.py recordings/*.mcap
 
 bench: setup
 	cargo bench --locked

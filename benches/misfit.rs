@@ -126,7 +126,7 @@ fn recording(c: &mut Criterion) {
     group.bench_function("write MCAP", |b| {
         b.iter_batched(
             || (),
-            |()| misfit::recording::write_campaign(&campaign, &path, &Default::default(), &[]),
+            |()| misfit::recording::write_campaign(&campaign, &path, &Default::default()),
             BatchSize::PerIteration,
         );
     });

@@ -112,6 +112,8 @@ impl Stop {
 pub struct Ladder {
     /// Rungs from the frames on.
     pub rungs: Vec<Rung>,
+    /// The fit of each.
+    pub fits: Vec<Fit>,
     /// The last model without one of the effects that were added, each.
     pub left_out: Vec<LeftOut>,
     /// Position error that noise alone would leave, rms over three coordinates, m; none where nothing but the misfit
@@ -215,6 +217,7 @@ pub fn climb(
     let floor_m = (noise.source != Source::Residual).then(|| noise.position_sigma * 3f64.sqrt());
     Ok(Ladder {
         rungs: rungs(&steps, floor_m.unwrap_or(0.0)),
+        fits: steps.into_iter().map(|(_, fit)| fit).collect(),
         left_out,
         floor_m,
         last,

@@ -328,6 +328,19 @@ impl Workspace {
             .collect()
     }
 
+    /// Where the model has the tracker at the reading last predicted: base frame.
+    pub fn base_from_tracker(&self) -> Isometry3<f64> {
+        self.frames.base_from_tracker.to_isometry()
+    }
+
+    /// Where each link of the robot stands in the posture last predicted: base frame.
+    pub fn links(&self, setup: &Setup) -> Vec<Isometry3<f64>> {
+        let links = setup.robot.links.iter();
+        links
+            .map(|link| self.statics.body[link.body].to_isometry() * link.body_from_link)
+            .collect()
+    }
+
     /// The first effect whose law has no value at a reading, or has no slope there by its parameters or by
     /// what it bears; the arm hangs under its load as if no elastic effect gave way.
     pub fn lost<'a>(&mut self, model: &'a Model, p: &[f64], reading: &Reading) -> Option<&'a str> {

@@ -170,12 +170,12 @@ pub fn candidates(campaign: &Campaign, file: &Path) -> Result<Vec<Arc<dyn AnyEff
     Ok(choices.into_iter().map(|choice| choice.effect).collect())
 }
 
-/// Writes a model as a file that [`model`] reads: its robot, effects with their options, what is held, and values that it starts
-/// from or holds.
+/// A model as the text of a file that [`model`] reads: its robot, effects with their options, what is held, and values
+/// that it starts from or holds.
 ///
 /// # Errors
-/// What the file system says.
-pub fn write(path: &Path, model: &Model) -> Result<(), ModelError> {
+/// If an option has no place in TOML.
+pub fn text(model: &Model) -> Result<String, toml::ser::Error> {
     let tables = model.terms.iter().map(|term| {
         let mut table = toml::Table::new();
         table.insert("kind".to_owned(), term.effect.kind().into());
@@ -196,11 +196,19 @@ pub fn write(path: &Path, model: &Model) -> Result<(), ModelError> {
         robot: Some(model.setup.robot.name.clone()),
         effect: tables.collect(),
     };
+    toml::to_string(&document)
+}
+
+/// Writes [`text`].
+///
+/// # Errors
+/// What the file system says.
+pub fn write(path: &Path, model: &Model) -> Result<(), ModelError> {
     let refuse = |source| ModelError::Write {
         file: path.display().to_string(),
         source,
     };
-    let text = toml::to_string(&document).map_err(|error| refuse(std::io::Error::other(error)))?;
+    let text = text(model).map_err(|error| refuse(std::io::Error::other(error)))?;
     write_atomically(path, |file| file.write_all(text.as_bytes())).map_err(refuse)
 }
 

@@ -223,7 +223,7 @@ fn the_truth_is_in_its_own_file_alone() {
         }
     }
     let recording = fs::read(lab().join("cell.mcap")).unwrap();
-    for word in ["joint_compliance", "truth", "[design]"] {
+    for word in ["joint_compliance", "truth", "[expect"] {
         let holds = recording.windows(word.len()).any(|w| w == word.as_bytes());
         assert!(!holds, "{word} in the recording");
     }
@@ -648,6 +648,7 @@ fn the_catalogue_and_its_pages() {
             "## Confused with",
             "## Plant",
             "## Sources",
+            "## At hand",
         ] {
             assert!(
                 page.lines().any(|line| line == heading),
@@ -2087,4 +2088,265 @@ fn plans_that_cannot_be_made_are_refused() {
         let ran = run(at, &[&["plan", "cell.toml"], words].concat());
         assert_eq!(ran.code, Some(2), "{words:?}: {}", ran.err);
     }
+}
+
+#[test]
+fn what_was_found_is_recorded() {
+    use misfit::campaign::Split;
+    use misfit::recording::{Results, read_recording};
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    write(at, "cell.toml", &cell());
+    let recorded = |words: &[&str], file: &str| {
+        let ran = run(at, words);
+        assert_eq!(ran.code, Some(0), "{words:?}: {}{}", ran.out, ran.err);
+        let recording = read_recording(&at.join(file)).unwrap();
+        let results: Results = recording.results.unwrap();
+        // what is recorded of each reading has the error that is said of all
+        for step in &results.steps {
+            let pairs = recording.campaign.readings.iter().zip(&step.predicted);
+            let squares: Vec<f64> = pairs
+                .filter(|(reading, _)| reading.split == Split::Fit)
+                .map(|(r, p)| (r.position - p.translation.vector).norm_squared())
+                .collect();
+            let rms = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+            assert!(
+                (rms / step.fitted_rms_m - 1.0).abs() < 1e-9,
+                "{}: {rms}",
+                step.added
+            );
+        }
+        let names: Vec<String> = results.steps.iter().map(|s| s.added.clone()).collect();
+        (ran, names, recording.attachments, results)
+    };
+    let cell = lab().join("cell.mcap");
+    let cell = cell.to_str().unwrap();
+
+    let words = ["ladder", cell, "--record", "ladder.mcap", "--json"];
+    let (ran, names, files, results) = recorded(&words, "ladder.mcap");
+    let said: Value = serde_json::from_str(&ran.out).unwrap();
+    let rungs: Vec<&str> = said["rungs"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|rung| rung["added"].as_str().unwrap())
+        .collect();
+    assert_eq!(names, rungs);
+    assert!(names.len() > 2 && names[0] == "nominal", "{names:?}");
+    let kept: Value = serde_json::from_slice(&files["result.json"]).unwrap();
+    assert_eq!(kept, said);
+    assert!(
+        results.verdict.contains("nothing more is detectable"),
+        "{}",
+        results.verdict
+    );
+    assert!(results.progress.iter().any(|p| p.step > 0));
+    // the file is a campaign still, its model a model
+    fs::write(at.join("m.toml"), &files["model.toml"]).unwrap();
+    let (_, names, ..) = recorded(
+        &[
+            "fit",
+            "ladder.mcap",
+            "--model",
+            "m.toml",
+            "--record",
+            "fit.mcap",
+        ],
+        "fit.mcap",
+    );
+    assert_eq!(names, ["nominal", "fitted"]);
+    let words = ["diagnose", cell, "--record", "diagnosis.mcap"];
+    let (ran, names, ..) = recorded(&words, "diagnosis.mcap");
+    assert_eq!(names[..2], ["nominal", "model"]);
+    assert!(
+        ran.out.contains("misfit replay diagnosis.mcap"),
+        "{}",
+        ran.out
+    );
+    // nothing is written over what is read
+    refused(
+        at,
+        &["fit", "fit.mcap", "--record", "fit.mcap"],
+        &["fit.mcap", "read here"],
+    );
+
+    let (_, names, files, results) = recorded(&["run", "cell.toml", "-o", "out"], "out/cell.mcap");
+    assert_eq!(names, ["nominal", "fitted"]);
+    let scenario = String::from_utf8(files["scenario.toml"].clone()).unwrap();
+    assert!(
+        scenario.contains("[design]") && !scenario.contains("truth"),
+        "{scenario}"
+    );
+    // commands for poses are recorded as such
+    let words = [
+        "compensate",
+        "fit.mcap",
+        "--tasks",
+        "t.csv",
+        "-o",
+        "commands.mcap",
+    ];
+    let seen = &results.steps[0].predicted[0];
+    let (t, q) = (seen.translation, seen.rotation);
+    let row = [t.x, t.y, t.z, q.w, q.i, q.j, q.k].map(|x| x.to_string());
+    write(
+        at,
+        "t.csv",
+        &format!("x_m,y_m,z_m,qw,qx,qy,qz\n{}\n", row.join(",")),
+    );
+    let ran = run(at, &words);
+    assert_eq!(ran.code, Some(0), "{}{}", ran.out, ran.err);
+    refused(
+        at,
+        &["fit", "commands.mcap"],
+        &["commands.mcap", "nobody measured"],
+    );
+}
+
+#[test]
+fn quiet_prints_nothing_but_what_is_asked_for() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let cell = lab().join("cell.mcap");
+    let cell = cell.to_str().unwrap();
+    let fit = [
+        "fit",
+        cell,
+        "--effects",
+        "joint_offset",
+        "--no-cross-validation",
+    ];
+    let silent = run(at, &[&fit[..], &["--quiet"]].concat());
+    assert_eq!((silent.code, silent.out.as_str()), (Some(0), ""));
+    assert_eq!(silent.err, "");
+    let asked = run(at, &[&fit[..], &["-q", "--json"]].concat());
+    let document: Value = serde_json::from_str(&asked.out).unwrap();
+    assert_eq!(document["schema"], "misfit.fit/1");
+    refused(at, &["-q", "fit", "none.toml"], &["none.toml"]);
+}
+
+#[test]
+fn colours_are_asked_for_and_taken_back() {
+    let folder = TempDir::new().unwrap();
+    let out = |always: bool, never: bool| {
+        let mut command = misfit(folder.path());
+        command.env_remove("NO_COLOR").env_remove("CLICOLOR_FORCE");
+        if always {
+            command.env("CLICOLOR_FORCE", "1");
+        }
+        if never {
+            command.env("NO_COLOR", "1");
+        }
+        command.args(["fit", lab().join("cell.mcap").to_str().unwrap()]);
+        String::from_utf8(command.output().unwrap().stdout).unwrap()
+    };
+    let (plain, coloured) = (out(false, false), out(true, false));
+    assert!(!plain.contains('\x1b'));
+    assert!(
+        coloured.contains("\x1b[1mnext     \x1b[0m\x1b[36mmisfit diagnose"),
+        "{coloured}"
+    );
+    assert_eq!(out(false, true), plain);
+}
+
+#[test]
+fn shells_and_man_know_every_command() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let help = run(at, &["--help"]).out;
+    let commands: Vec<&str> = help
+        .lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| !line.is_empty())
+        .filter(|line| line.starts_with("  ") && !line.starts_with("   "))
+        .filter_map(|line| line.split_whitespace().next())
+        .collect();
+    assert!(commands.len() > 12, "{help}");
+    for shell in ["bash", "zsh", "fish"] {
+        let ran = run(at, &["completions", shell]);
+        assert_eq!(ran.code, Some(0));
+        for command in &commands {
+            assert!(ran.out.contains(command), "{command} in {shell}");
+        }
+    }
+    assert!(run(at, &["man"]).out.contains("misfit\\-diagnose(1)"));
+    assert_eq!(run(at, &["man", "-o", "man1"]).code, Some(0));
+    let pages = files(&at.join("man1"));
+    for command in commands.iter().filter(|command| **command != "help") {
+        assert!(
+            pages.contains(&format!("misfit-{command}.1")),
+            "{command}: {pages:?}"
+        );
+        // and each has an example
+        let help = run(at, &[command, "--help"]).out;
+        assert!(help.contains("Examples:"), "{command}");
+    }
+    assert_eq!(run(at, &["completions", "dos"]).code, Some(2));
+    write(at, "file", "mine");
+    refused(at, &["man", "-o", "file"], &["file", "cannot be made"]);
+}
+
+/// The program alone in a folder, with nothing on the PATH.
+#[cfg(unix)]
+fn alone(folder: &Path) -> Command {
+    let own = folder.join("misfit");
+    let built = env!("CARGO_BIN_EXE_misfit");
+    if !own.exists() && fs::hard_link(built, &own).is_err() {
+        fs::copy(built, &own).unwrap();
+    }
+    let mut command = Command::new(own);
+    command.current_dir(folder).env("PATH", "");
+    command
+}
+
+#[cfg(unix)]
+#[test]
+fn replay_without_its_program_says_how_to_get_it() {
+    let folder = TempDir::new().unwrap();
+    let output = alone(folder.path())
+        .args(["replay", "x.mcap"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert_eq!(said.lines().count(), 1, "{said}");
+    for word in [
+        "misfit: misfit-replay",
+        "cargo build --release -p misfit-replay",
+        "cargo install --path replay",
+    ] {
+        assert!(said.contains(word), "{said}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn replay_passes_words_on_and_exit_codes_back() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = TempDir::new().unwrap();
+    let program = folder.path().join("misfit-replay");
+    let script = "#!/bin/sh\nfor word; do echo \"$word\"; done\nexit ${CODE:-0}\n";
+    fs::write(&program, script).unwrap();
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+    let mut misfit = alone(folder.path());
+    misfit.args(["replay", "-x.mcap", "--save", "a b.rrd"]);
+    misfit.assert().code(2);
+    for code in [0, 1, 2] {
+        let mut misfit = alone(folder.path());
+        misfit.args([
+            "replay",
+            "--save",
+            "a b.rrd",
+            "--timeline",
+            "step",
+            "--",
+            "-x.mcap",
+        ]);
+        let ended = misfit.env("CODE", code.to_string()).assert().code(code);
+        ended.stdout("--save\na b.rrd\n--timeline\nstep\n--\n-x.mcap\n");
+    }
+    let mut misfit = alone(folder.path());
+    misfit.args(["--quiet", "replay", "x.mcap"]);
+    misfit.assert().code(0).stdout("");
 }

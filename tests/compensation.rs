@@ -408,6 +408,17 @@ fn commands_are_written_for_what_is_reached_and_the_rest_is_said() {
         out.contains("out of reach") && out.contains("3 of 4"),
         "{out}"
     );
+    assert!(
+        out.contains("note     tasks.csv: 1 of 4 readings leave the orientation"),
+        "{out}"
+    );
+    assert!(!out.contains("no column for"), "no posture is named: {out}");
+    let some = "x_m,y_m,z_m,r1_s_rad\n0.5,0.3,1.1,0.1\n";
+    let (_, out, err) = compensate(some, &["--frame", "base"]);
+    assert!(
+        out.contains("no column for") && out.contains("r1_l"),
+        "{out}{err}"
+    );
     let commands = fs::read_to_string(&written).unwrap();
     let lines: Vec<&str> = commands.lines().collect();
     assert_eq!(lines.len(), 4);

@@ -405,11 +405,11 @@ fn loops_that_make_no_sense_are_refused() {
     // one job a scenario, and what belongs to a fit stands beside no other
     for (more, words) in [
         (
-            format!("compare_paper = true\n{good}"),
-            ["compare_paper", "stands beside [loop]"],
+            format!("{good}\n[workspace]\npostures = 9\n"),
+            ["[workspace]", "stands beside [loop]"],
         ),
         (
-            format!("{good}\n[[instead]]\ntitle = \"more\"\nposes = 4\n"),
+            format!("{good}\n[[instead]]\ntitle = \"more\"\n[instead.design]\nposes = 4\n"),
             ["[[instead]]", "stands beside [loop]"],
         ),
         (
@@ -441,5 +441,5 @@ fn loops_that_make_no_sense_are_refused() {
         out.contains("2 poses left out") && !out.contains("0 mm"),
         "{out}"
     );
-    assert!(out.contains("expect   0 of 2 met"), "{out}");
+    assert!(out.contains("expect   0 of 3 met"), "{out}");
 }

@@ -55,6 +55,33 @@ fn only_one_module_speaks_mcap() {
 }
 
 #[test]
+fn nothing_here_speaks_to_the_viewer() {
+    // what does is a program of its own, replay/, so that all else builds without its four hundred crates
+    let words = ["rerun::", "re_sdk", "re_types", "re_log"];
+    for (path, text) in sources() {
+        for word in words {
+            let found = code(&text).find(|line| line.contains(word));
+            assert_eq!(
+                found,
+                None,
+                "{}: only replay/ speaks to Rerun",
+                path.display()
+            );
+        }
+    }
+    let manifest = fs::read_to_string("Cargo.toml").unwrap();
+    let own = manifest.split("[dependencies]").nth(1).unwrap();
+    let own = own.split("[profile").next().unwrap();
+    assert!(!own.contains("rerun"), "the root package depends on Rerun");
+    let replay = fs::read_to_string("replay/Cargo.toml").unwrap();
+    assert!(replay.contains("rerun = { version = \"=0.36.3\""));
+    assert!(
+        !replay.contains("importers"),
+        "see docs/decisions/0012-replay.md"
+    );
+}
+
+#[test]
 fn unsafe_code_lives_in_the_binding_alone() {
     speaks_alone("unsafe {", "src/mujoco");
 }

@@ -4,7 +4,9 @@
 
 use crate::campaign::{DH_TABLE, TWO_ARMS, assert_same, campaign};
 use misfit::campaign::{Campaign, Frame, Payload, Reading, RobotFile, Split, Target, Wrench};
-use misfit::recording::{read_campaign, write_campaign};
+use misfit::recording::{
+    Beside, Holds, Progress, Results, Step, read_campaign, read_recording, write_campaign,
+};
 use misfit::robot::Robot;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -70,13 +72,12 @@ fn example() -> Campaign {
 
 fn written(folder: &TempDir, campaign: &Campaign) -> PathBuf {
     let path = folder.path().join("run.mcap");
-    write_campaign(
-        campaign,
-        &path,
-        &run(),
-        &[("truth.toml".into(), b"x = 1".to_vec())],
-    )
-    .unwrap();
+    let beside = Beside {
+        metadata: run(),
+        attachments: vec![("truth.toml".into(), b"x = 1".to_vec())],
+        ..Beside::default()
+    };
+    write_campaign(campaign, &path, &beside).unwrap();
     path
 }
 
@@ -91,7 +92,8 @@ fn messages(path: &Path) -> BTreeMap<String, Vec<(u64, String, Vec<u8>)>> {
         let schema = channel.schema.as_ref().unwrap();
         assert_eq!(schema.encoding, "ros2msg");
         let qos = &channel.metadata["offered_qos_profiles"];
-        let latched = ["/robot_description", "/tf_static"].contains(&channel.topic.as_str());
+        let latched =
+            ["/robot_description", "/tf_static", "/verdict"].contains(&channel.topic.as_str());
         assert_eq!(qos.contains("durability: 1"), latched, "{qos}");
         topics.entry(channel.topic.clone()).or_default().push((
             message.log_time,
@@ -217,7 +219,11 @@ fn two_attachments_of_one_name_are_refused() {
     let path = folder.path().join("run.mcap");
     for name in ["campaign.toml", "arm.urdf"] {
         let attachments = [(name.to_owned(), Vec::new())];
-        let message = write_campaign(&example(), &path, &run(), &attachments)
+        let beside = Beside {
+            attachments: attachments.into(),
+            ..Beside::default()
+        };
+        let message = write_campaign(&example(), &path, &beside)
             .unwrap_err()
             .to_string();
         assert!(
@@ -249,7 +255,7 @@ fn a_failed_write_leaves_the_old_file_whole() {
     let path = written(&folder, &campaign);
     let old = fs::read(&path).unwrap();
     campaign.readings[2].joints[0] = f64::INFINITY;
-    let message = write_campaign(&campaign, &path, &run(), &[])
+    let message = write_campaign(&campaign, &path, &Beside::default())
         .unwrap_err()
         .to_string();
     assert!(
@@ -264,7 +270,7 @@ fn a_failed_write_leaves_the_old_file_whole() {
     );
 
     let nowhere = folder.path().join("no/such/folder/run.mcap");
-    let message = write_campaign(&example(), &nowhere, &run(), &[])
+    let message = write_campaign(&example(), &nowhere, &Beside::default())
         .unwrap_err()
         .to_string();
     assert!(message.contains("cannot be written"), "{message}");
@@ -459,4 +465,208 @@ proptest! {
         });
         let _ = read_campaign(&copy);
     }
+}
+
+/// Results of two steps, none of whose numbers are equal.
+fn results(campaign: &Campaign) -> Results {
+    let pose = |k: f64| {
+        let turn = UnitQuaternion::from_euler_angles(0.1 * k, 0.2, -0.3);
+        Isometry3::from_parts(Vector3::new(k, 2.0 * k, -k).into(), turn)
+    };
+    let readings = campaign.readings.len();
+    let step = |added: &str, k: f64, heldout| Step {
+        added: added.to_owned(),
+        fitted_rms_m: 1e-3 / k,
+        heldout_rms_m: heldout,
+        base_from_tracker: pose(0.1 * k),
+        predicted: (0..readings).map(|i| pose(k + i as f64 / 7.0)).collect(),
+    };
+    let robot = &campaign.robot;
+    Results {
+        steps: vec![
+            step("nominal", 1.0, None),
+            step("geometry", 2.0, Some(2e-3)),
+        ],
+        links: (0..readings)
+            .map(|i| {
+                (0..robot.links.len())
+                    .map(|l| pose((i + l) as f64))
+                    .collect()
+            })
+            .collect(),
+        torques: (0..readings)
+            .map(|i| {
+                (0..robot.joints.len())
+                    .map(|j| (i * 10 + j) as f64 / 3.0)
+                    .collect()
+            })
+            .collect(),
+        progress: vec![
+            Progress {
+                step: 0,
+                iteration: 1,
+                cost: 12.5,
+            },
+            Progress {
+                step: 1,
+                iteration: 1,
+                cost: 2.5,
+            },
+        ],
+        verdict: "**nothing** <more> & all".to_owned(),
+    }
+}
+
+#[test]
+fn results_come_back_beside_an_equal_campaign() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("found.mcap");
+    let mut campaign = example();
+    campaign.base_from_tracker = Frame::Estimate;
+    let wanted = results(&campaign);
+    let beside = Beside {
+        results: Some(&wanted),
+        metadata: run(),
+        attachments: vec![("model.toml".into(), b"x = 1".to_vec())],
+        ..Beside::default()
+    };
+    write_campaign(&campaign, &path, &beside).unwrap();
+    let first = fs::read(&path).unwrap();
+    write_campaign(&campaign, &path, &beside).unwrap();
+    assert_eq!(first, fs::read(&path).unwrap(), "the same bytes");
+
+    assert_same(&campaign, &read_campaign(&path).unwrap());
+    let recording = read_recording(&path).unwrap();
+    assert_same(&campaign, &recording.campaign);
+    assert_eq!(recording.holds, Holds::Readings);
+    assert_eq!(recording.metadata, run());
+    assert_eq!(recording.attachments["model.toml"], b"x = 1");
+    let found = recording.results.unwrap();
+    let near = |a: &Isometry3<f64>, b: &Isometry3<f64>| {
+        let gap = a.inverse() * b;
+        assert!(
+            gap.translation.vector.norm() + gap.rotation.angle() < 1e-14,
+            "{gap}"
+        );
+    };
+    for (a, b) in found
+        .links
+        .iter()
+        .flatten()
+        .zip(wanted.links.iter().flatten())
+    {
+        near(a, b);
+    }
+    assert_eq!(found.links.len(), wanted.links.len());
+    for (a, b) in found.steps.iter().zip(&wanted.steps) {
+        near(&a.base_from_tracker, &b.base_from_tracker);
+        assert_eq!((&a.added, a.fitted_rms_m), (&b.added, b.fitted_rms_m));
+        assert_eq!(
+            (&a.predicted, a.heldout_rms_m),
+            (&b.predicted, b.heldout_rms_m)
+        );
+    }
+    assert_eq!(found.steps.len(), 2);
+    assert_eq!(
+        (&found.torques, &found.verdict),
+        (&wanted.torques, &wanted.verdict)
+    );
+    assert_eq!(found.progress, wanted.progress);
+
+    let topics = messages(&path);
+    for (topic, schema, count) in [
+        (
+            "/prediction/nominal/pose",
+            "geometry_msgs/msg/PoseStamped",
+            3,
+        ),
+        (
+            "/prediction/fitted/pose",
+            "geometry_msgs/msg/PoseStamped",
+            3,
+        ),
+        (
+            "/residual/nominal/position",
+            "geometry_msgs/msg/Vector3Stamped",
+            3,
+        ),
+        (
+            "/residual/fitted/position",
+            "geometry_msgs/msg/Vector3Stamped",
+            3,
+        ),
+        ("/residual/position_mm", "std_msgs/msg/Float64MultiArray", 3),
+        (
+            "/residual/orientation_mrad",
+            "std_msgs/msg/Float64MultiArray",
+            2,
+        ),
+        ("/ladder/rung", "misfit_msgs/msg/Rung", 2),
+        ("/ladder/cloud", "sensor_msgs/msg/PointCloud2", 2),
+        ("/ladder/error_mm", "std_msgs/msg/Float64MultiArray", 2),
+        ("/fit/progress", "misfit_msgs/msg/FitProgress", 2),
+        ("/verdict", "std_msgs/msg/String", 1),
+    ] {
+        assert_eq!(
+            (topics[topic][0].1.as_str(), topics[topic].len()),
+            (schema, count)
+        );
+    }
+    // the fit says where the tracker stands
+    assert!(holds(&topics["/tf_static"][0].2, "tracker"));
+    assert!(holds(&topics["/tf"][0].2, "fitted/left_flange"));
+}
+
+#[test]
+fn results_of_something_else_are_refused() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("found.mcap");
+    let campaign = example();
+    let good = results(&campaign);
+    let spoilt: [fn(&mut Results); 6] = [
+        |r| r.steps.clear(),
+        |r| r.steps[1].predicted.truncate(2),
+        |r| r.links.truncate(1),
+        |r| r.links[1].truncate(1),
+        |r| r.torques[2].truncate(1),
+        |r| r.progress[0].step = 7,
+    ];
+    for spoil in spoilt {
+        let mut results = good.clone();
+        spoil(&mut results);
+        let beside = Beside {
+            results: Some(&results),
+            ..Beside::default()
+        };
+        let message = write_campaign(&campaign, &path, &beside)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("found.mcap: the campaign does not hold together"),
+            "{message}"
+        );
+        assert!(!path.exists());
+    }
+}
+
+#[test]
+fn commands_are_no_readings() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("commands.mcap");
+    let beside = Beside {
+        holds: Holds::Commands,
+        ..Beside::default()
+    };
+    write_campaign(&example(), &path, &beside).unwrap();
+    let message = read_campaign(&path).unwrap_err().to_string();
+    assert!(
+        message.contains("commands.mcap") && message.contains("nobody measured"),
+        "{message}"
+    );
+    let recording = read_recording(&path).unwrap();
+    assert_eq!(
+        (recording.holds, recording.results),
+        (Holds::Commands, None)
+    );
+    assert_same(&example(), &recording.campaign);
 }

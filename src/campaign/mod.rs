@@ -17,7 +17,7 @@ mod write;
 
 pub use document::Settings;
 pub use error::CampaignError;
-pub use read::read_tasks;
+pub use read::{Tasks, read_tasks};
 
 pub(crate) use check::plain_file_name;
 pub(crate) use document::{Document, render as render_document};

@@ -99,11 +99,9 @@ fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
 /// Tasks from a table with the columns of a campaign's: poses to be reached, and under which load. Joints, where they
 /// have columns, are the posture to stay near. A wrench beside a payload pulls besides its weight.
 ///
-/// The second: does the table name a posture?
-///
 /// # Errors
 /// As [`Campaign::load`].
-pub fn read_tasks(path: &Path, campaign: &Campaign) -> Result<(Vec<Reading>, bool), CampaignError> {
+pub fn read_tasks(path: &Path, campaign: &Campaign) -> Result<Tasks, CampaignError> {
     let file = path.display().to_string();
     let bytes = read_bytes(path, &file, LARGEST_TABLE, "2 GB")?;
     let context = table::Context {
@@ -114,16 +112,36 @@ pub fn read_tasks(path: &Path, campaign: &Campaign) -> Result<(Vec<Reading>, boo
         with_joints: false,
     };
     let table::Table {
-        readings: mut tasks,
+        mut readings,
         has_joints,
+        mut warnings,
         ..
     } = table::parse(&context, &bytes)?;
-    for task in &mut tasks {
+    if !has_joints {
+        // no posture is named at all: then none is taken to stay at zero
+        warnings.retain(|warning| !warning.contains(table::NO_COLUMN));
+    }
+    for task in &mut readings {
         if task.payload.is_some() {
             task.process = task.wrench.take();
         }
     }
-    Ok((tasks, has_joints))
+    Ok(Tasks {
+        readings,
+        has_joints,
+        warnings,
+    })
+}
+
+/// A table of tasks.
+#[derive(Debug, Clone)]
+pub struct Tasks {
+    /// The poses, as if they were readings.
+    pub readings: Vec<Reading>,
+    /// Does the table name a posture?
+    pub has_joints: bool,
+    /// What the user has to be told.
+    pub warnings: Vec<String>,
 }
 
 fn file_name(path: &Path) -> String {

@@ -204,6 +204,9 @@ fn header(
     Ok(columns)
 }
 
+/// How the warning of a joint without a column begins, behind the file.
+pub(super) const NO_COLUMN: &str = "no column for";
+
 /// What the user has to be told: nothing is set to zero in silence.
 fn warnings(
     context: &Context<'_>,
@@ -223,7 +226,7 @@ fn warnings(
         .collect();
     if !fixed.is_empty() {
         warnings.push(format!(
-            "{file}: no column for {}: taken to stay at zero",
+            "{file}: {NO_COLUMN} {}: taken to stay at zero",
             fixed.join(", ")
         ));
     }

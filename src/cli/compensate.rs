@@ -1,13 +1,14 @@
 //! `misfit compensate`.
 
 use super::{Outcome, print, print_json, progress, usage};
-use crate::campaign::{Campaign, Reading, read_tasks, render_commands, write_atomically};
+use crate::campaign::{Campaign, Reading, Tasks, read_tasks, render_commands, write_atomically};
 use crate::compensation::{Corrected, End, Reach, Robot, correct, posture};
 use crate::fit::{self, Options};
 use crate::model::{Model, Workspace};
 use crate::plan::Limits;
 use crate::plan::space::{Space, generator};
-use crate::{model_file, recording, report};
+use crate::recording::{Beside, Holds, write_campaign};
+use crate::{model_file, report};
 use anyhow::Context;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use rayon::prelude::*;
@@ -112,7 +113,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
-    let (mut tasks, named) = read_tasks(&arguments.tasks, &campaign)?;
+    let Tasks {
+        readings: mut tasks,
+        has_joints: named,
+        warnings,
+    } = read_tasks(&arguments.tasks, &campaign)?;
     let model = model_file::model(
         &campaign,
         arguments.effects.as_deref(),
@@ -213,14 +218,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             })
             .collect();
         let count = commands.readings.len();
-        if path.extension().is_some_and(|ending| ending == "mcap") {
-            recording::write_campaign(&commands, path, &Default::default(), &[])?;
-        } else {
+        let is_recording = path.extension().is_some_and(|ending| ending == "mcap");
+        if is_recording && count > 0 {
+            let metadata = [("misfit".to_owned(), env!("CARGO_PKG_VERSION").to_owned())];
+            let beside = Beside {
+                holds: Holds::Commands,
+                metadata: metadata.into(),
+                ..Beside::default()
+            };
+            write_campaign(&commands, path, &beside)?;
+        } else if !is_recording {
             let bytes = render_commands(&commands)?;
             write_atomically(path, |file| file.write_all(&bytes))
                 .with_context(|| format!("{}: cannot be written", path.display()))?;
         }
-        written = Some(format!("{} · {} commands", path.display(), count));
+        written = Some(match is_recording && count == 0 {
+            true => format!("{} was not written: no task is reached", path.display()),
+            false => format!("{} · {} commands", path.display(), count),
+        });
     }
     if arguments.json {
         print_json(&report::compensate::document(
@@ -234,8 +249,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             found.readings.0,
             report::format::length(found.fit.position_rms_m)
         );
-        let text =
+        let mut text =
             report::compensate::text(&campaign, &tasks, &corrected, &ground, written.as_deref());
+        for warning in &warnings {
+            text += &format!(
+                "{}\n",
+                report::format::wrap(&format!("note     {warning}"), 9)
+            );
+        }
         print(&text)?;
     }
     let all = corrected.iter().all(|c| c.command.end == End::Reached);

@@ -1,11 +1,12 @@
 //! `misfit diagnose`.
 
+use super::record::Record;
 use super::{Outcome, print, print_json, progress, report as pages};
 use crate::campaign::Campaign;
 use crate::diagnosis::{self, Diagnosis};
-use crate::fit::Options;
+use crate::fit::{self, Options};
 use crate::report::format::WIDTH;
-use crate::report::html::{Origin, Results};
+use crate::report::html::{Origin, Results, Step};
 use crate::{model_file, report};
 use std::path::PathBuf;
 
@@ -33,6 +34,8 @@ pub struct Arguments {
     /// Write the result as one HTML page too, with pictures.
     #[arg(long, value_name = "FILE.html", value_parser = pages::html_path)]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    record: Record,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -50,6 +53,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             &[arguments.candidates.as_deref()],
         )?;
     }
+    let others = [arguments.candidates.as_deref(), arguments.model.as_deref()];
+    arguments.record.spare(&arguments.campaign, &others)?;
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     let model = model_file::model(
@@ -90,21 +95,48 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         (Some(effect), None) => Some(format!("misfit fit {path}{given} --effects +{effect}")),
         (None, _) => None,
     };
-    let apart = found
-        .alike
-        .first()
-        .map(|(a, b)| format!("misfit plan {path} --separate {},{}", a.id(), b.id()));
+    let add = add.map(|command| Step::new("fit the model with what is missing", command));
+    let apart = found.alike.first().map(|(a, b)| {
+        let command = format!("misfit plan {path} --separate {},{}", a.id(), b.id());
+        pages::tell_apart(a.id(), b.id(), command)
+    });
     // a ladder starts from the frames, whatever the model
     let ladder = of_model
         .is_none()
-        .then(|| format!("misfit ladder {path}{tried}"));
-    let commands: Vec<String> = add.into_iter().chain(apart).chain(ladder).collect();
+        .then(|| format!("misfit ladder {path}{tried}"))
+        .map(|command| {
+            Step::new(
+                "watch the error fall from the frames on, rung by rung",
+                command,
+            )
+        });
+    let steps: Vec<Step> = add.into_iter().chain(apart).chain(ladder).collect();
+    let effects = arguments.effects.as_ref();
+    let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
+    let command = format!(
+        "misfit diagnose {path}{given}{effects}{tried}{}",
+        pages::quickly(arguments.no_cross_validation)
+    );
+    let document = report::diagnosis::document(&found, next.as_ref());
+    let mut recorded = String::new();
+    if arguments.record.record.is_some() {
+        let frames = model_file::frames_only(&campaign)?;
+        let frames = fit::fit(&campaign, &frames, &options, |_| {})?;
+        recorded = arguments.record.write(
+            &campaign,
+            || report::recording::of_diagnosis(&campaign, &frames, &found),
+            &found.fit.model,
+            &document,
+            &command,
+        )?;
+    }
     if let Some(file) = &arguments.report {
-        let effects = arguments.effects.as_ref();
-        let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
         let origin = Origin {
-            command: format!("misfit diagnose {path}{given}{effects}{tried}"),
-            next: commands.clone(),
+            command,
+            next: pages::own_law(&path.to_string(), &found)
+                .into_iter()
+                .chain(steps.clone())
+                .collect(),
             seed: None,
         };
         let results = Results::Diagnosis {
@@ -115,12 +147,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     spinner.finish_and_clear();
     if arguments.json {
-        print_json(&report::diagnosis::document(&found, next.as_ref()))?;
+        print_json(&document)?;
     } else {
         let mut text = report::diagnosis::text(&campaign, &found, next.as_ref());
         if let Some(file) = &arguments.report {
             text += &format!("\n{}\n", pages::line(file));
         }
+        if !recorded.is_empty() {
+            text += &format!("\n{recorded}");
+        }
+        let commands: Vec<&str> = steps.iter().map(|step| step.command.as_str()).collect();
         if !commands.is_empty() {
             let side = commands.join("     or     ");
             // commands stay whole where they do not fit beside each other

@@ -1,7 +1,7 @@
 //! `misfit effects`.
 
 use super::{Outcome, print};
-use crate::effects::{CATALOGUE, find, ids};
+use crate::effects::{CATALOGUE, Entry, find, ids};
 use crate::report::format::{render, table, wrap};
 
 /// The catalogue of physical effects; `show ID` prints a handbook page.
@@ -45,10 +45,41 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
                 anyhow::bail!("no effect is called \"{id}\"; known: {}", ids());
             };
             print(&format!("{}\n\n", entry.id))?;
-            print(&(reflowed(&entry.page()) + "\n"))?;
+            print(&format!(
+                "{}\n\n{}",
+                reflowed(&entry.page()),
+                at_hand(entry)
+            ))?;
         }
     }
     Ok(Outcome::Done)
+}
+
+/// What one does with an effect: the end of its page.
+fn at_hand(entry: &Entry) -> String {
+    let id = entry.id;
+    let mut rows = vec![format!("acts     {}", entry.stage.word())];
+    let needs = entry.needs.iter();
+    rows.extend(needs.map(|need| {
+        let need = need.sentence();
+        format!("needs    {}", need.strip_prefix("needs ").unwrap_or(need))
+    }));
+    if !entry.aliases.is_empty() {
+        rows.push(format!("like     {}", entry.aliases.join(", ")));
+    }
+    match id {
+        // made of a user's formula: it has no short form
+        "expression" => {
+            rows.push("fit      misfit fit cell3.toml --model laws.toml".to_owned());
+            rows.push("try      misfit diagnose cell3.toml --candidates laws.toml".to_owned());
+        }
+        _ => {
+            rows.push(format!("fit      misfit fit cell3.toml --effects +{id}"));
+            rows.push(format!("hide     [[truth]] kind = \"{id}\" in a scenario"));
+        }
+    }
+    let rows = rows.iter().map(|row| wrap(&format!("  {row}"), 11) + "\n");
+    format!("## At hand\n{}", rows.collect::<String>())
 }
 
 /// A page with its paragraphs and list items filled anew: the source's lines are longer than a terminal's. Headings and

@@ -122,6 +122,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             (serde_json::to_string_pretty(&document)? + "\n", Made::Json)
         }
     };
+    let rigid = rigid_fit(&subject, &campaign, &options)?;
     write_atomically(path, |out| out.write_all(bytes.as_bytes()))
         .with_context(|| format!("{file}: cannot be written"))?;
     spinner.finish_and_clear();
@@ -132,7 +133,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if let Some(effects) = &arguments.effects {
         same += &format!(" --effects {effects}");
     }
-    let rigid = rigid_fit(&subject, &campaign, &options)?;
     print(&report::text(&subject, &file, &made, &same, rigid.as_ref()))?;
     Ok(if found.converged {
         Outcome::Done

@@ -1,12 +1,13 @@
 //! `misfit fit`.
 
+use super::record::Record;
 use super::{Outcome, print, print_json, progress, report as pages, usage};
 use crate::campaign::Campaign;
 use crate::fit::{self, Options};
 use crate::model_file;
 use crate::report;
 use crate::report::fit::Detail;
-use crate::report::html::{Origin, Results};
+use crate::report::html::{Origin, Results, Step};
 use std::path::PathBuf;
 
 /// Identify a model's parameters from a campaign: values, intervals, errors, and what cannot be seen.
@@ -31,6 +32,8 @@ pub struct Arguments {
     /// Write the result as one HTML page too, with pictures.
     #[arg(long, value_name = "FILE.html", value_parser = pages::html_path)]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    record: Record,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -52,6 +55,8 @@ enum Method {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let others = [arguments.model.as_deref()];
+    arguments.record.spare(&arguments.campaign, &others)?;
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     if arguments.method == Method::Paper {
@@ -78,12 +83,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let of_model =
         of_model.map_or_else(String::new, |model| format!(" --model {}", model.display()));
     let next = format!("misfit diagnose {path}{of_model}");
+    let effects = arguments.effects.as_ref();
+    let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
+    let quickly = pages::quickly(arguments.no_cross_validation);
+    let command = format!("misfit fit {path}{of_model}{effects}{quickly}");
+    let document = report::json::fit(&found, baseline.as_ref());
+    let recorded = arguments.record.write(
+        &campaign,
+        || report::recording::of_fit(&campaign, baseline.as_ref(), &found),
+        &found.model,
+        &document,
+        &command,
+    )?;
     if let Some(file) = &arguments.report {
-        let effects = arguments.effects.as_ref();
-        let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
         let origin = Origin {
-            command: format!("misfit fit {path}{of_model}{effects}"),
-            next: vec![next.clone()],
+            command,
+            next: vec![Step::new(
+                "ask which physical effect the model lacks, if any",
+                next.clone(),
+            )],
             seed: None,
         };
         let results = Results::Fit {
@@ -94,7 +112,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     spinner.finish_and_clear();
     if arguments.json {
-        print_json(&report::json::fit(&found, baseline.as_ref()))?;
+        print_json(&document)?;
     } else {
         let detail = if arguments.all {
             Detail::Everything
@@ -105,7 +123,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         if let Some(file) = &arguments.report {
             text += &format!("{}\n", pages::line(file));
         }
-        print(&format!("{text}next     {next}\n"))?;
+        print(&format!("{text}{recorded}next     {next}\n"))?;
     }
     Ok(if found.converged {
         Outcome::Done
@@ -116,9 +134,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
 
 /// The paper's own estimator.
 fn paper(arguments: &Arguments, campaign: &Campaign) -> anyhow::Result<Outcome> {
-    if arguments.effects.is_some() || arguments.model.is_some() || arguments.report.is_some() {
+    let others = [
+        arguments.effects.is_some(),
+        arguments.model.is_some(),
+        arguments.report.is_some(),
+        arguments.record.record.is_some(),
+    ];
+    if others.contains(&true) {
         return Err(usage(
-            "--method paper estimates joint compliance alone; leave --effects, --model and --report out",
+            "--method paper estimates joint compliance alone; leave --effects, --model, --report and --record out",
         ));
     }
     let found = fit::paper::fit(campaign)?;

@@ -137,7 +137,12 @@ fn write(
             Ok(bytes) => vec![("import.toml".to_owned(), bytes)],
             Err(_) => Vec::new(),
         };
-        recording::write_campaign(&campaign, output, &metadata, &attachments)?;
+        let beside = recording::Beside {
+            metadata,
+            attachments,
+            ..recording::Beside::default()
+        };
+        recording::write_campaign(&campaign, output, &beside)?;
     } else {
         spare(&output.join("readings.csv"), spec_path, &read)?;
         campaign.write_csv(output)?;

@@ -1,5 +1,6 @@
 //! `misfit ladder`.
 
+use super::record::Record;
 use super::{Outcome, print, print_json, progress, report as pages};
 use crate::campaign::Campaign;
 use crate::fit::Options;
@@ -15,6 +16,7 @@ use std::path::PathBuf;
   misfit ladder cell3.toml -o model.toml && misfit fit cell3.toml --model model.toml
   misfit ladder cell3.toml --effects +backlash          go on from the default and backlash
   misfit ladder cell3.toml --stop-at 0.3mm              no further than needed
+  misfit ladder cell3.toml --record cell3.mcap && misfit replay cell3.mcap
   misfit ladder cell3.toml --json | jq '.rungs[].added'")]
 pub struct Arguments {
     /// Campaign: a .toml file with its table, or a .mcap recording.
@@ -34,6 +36,8 @@ pub struct Arguments {
     /// Write the result as one HTML page too, with pictures.
     #[arg(long, value_name = "FILE.html", value_parser = pages::html_path)]
     report: Option<PathBuf>,
+    #[command(flatten)]
+    record: Record,
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
@@ -51,6 +55,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             &[arguments.candidates.as_deref()],
         )?;
     }
+    let others = [arguments.candidates.as_deref()];
+    arguments.record.spare(&arguments.campaign, &others)?;
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     let options = Options {
@@ -82,12 +88,22 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Some(file) => format!("misfit fit {path} --model {}", file.display()),
         None => format!("misfit ladder {path}{given} -o model.toml"),
     };
+    let stop = arguments.stop_at.as_ref();
+    let stop = stop.map_or_else(String::new, |stop| format!(" --stop-at {stop}"));
+    let quickly = pages::quickly(arguments.no_cross_validation);
+    let command = format!("misfit ladder {path}{given}{stop}{quickly}");
+    let document = report::ladder::document(&found);
+    let recorded = arguments.record.write(
+        &campaign,
+        || report::recording::of_ladder(&campaign, &found),
+        &found.last.fit.model,
+        &document,
+        &command,
+    )?;
     if let Some(file) = &arguments.report {
         let poses = pages::next_poses(&campaign, &found.last);
-        let stop = arguments.stop_at.as_ref();
-        let stop = stop.map_or_else(String::new, |stop| format!(" --stop-at {stop}"));
         let origin = Origin {
-            command: format!("misfit ladder {path}{given}{stop}"),
+            command,
             next: pages::after_ladder(&path.to_string(), &given, &found.last),
             seed: None,
         };
@@ -99,13 +115,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     spinner.finish_and_clear();
     if arguments.json {
-        print_json(&report::ladder::document(&found))?;
+        print_json(&document)?;
     } else {
         let mut text = report::ladder::text(&campaign, &found);
         if let Some(file) = &arguments.report {
             text += &format!("\n{}\n", pages::line(file));
         }
-        print(&format!("{text}\nnext     {next}\n"))?;
+        print(&format!("{text}{recorded}\nnext     {next}\n"))?;
     }
     Ok(if found.last.fit.converged {
         Outcome::Done

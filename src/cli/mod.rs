@@ -1,6 +1,7 @@
 //! The command line: one file a command.
 
 mod compensate;
+mod completions;
 mod diagnose;
 mod drill;
 mod effects;
@@ -12,15 +13,19 @@ mod map;
 mod pictures;
 mod plan;
 mod progress;
+mod record;
+pub mod replay;
 mod report;
 mod run;
 mod simulate;
 mod sweep;
+mod terminal;
 
 use anyhow::Context;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use terminal::{print, print_json};
 
 /// A virtual calibration lab for serial robot arms.
 ///
@@ -31,6 +36,9 @@ use std::process::ExitCode;
 struct Arguments {
     #[command(subcommand)]
     command: Command,
+    /// Print nothing but errors, and what --json asks for.
+    #[arg(short, long, global = true)]
+    quiet: bool,
 }
 
 const EXIT_CODES: &str = "Exit codes: 0 done; 1 could not do it; 2 wrong usage; 3 done, but an [expect] was \
@@ -44,6 +52,7 @@ enum Command {
     Diagnose(diagnose::Arguments),
     Ladder(ladder::Arguments),
     Report(report::Arguments),
+    Replay(replay::Arguments),
     Plan(plan::Arguments),
     Compensate(compensate::Arguments),
     Map(map::Arguments),
@@ -52,6 +61,8 @@ enum Command {
     Run(run::Arguments),
     Effects(effects::Arguments),
     Sweep(sweep::Arguments),
+    Completions(completions::Completions),
+    Man(completions::Manual),
 }
 
 /// How a command ended when it did what it was asked.
@@ -61,11 +72,16 @@ pub enum Outcome {
     Done,
     /// Exit code 3: an expectation was missed, or a fit did not converge.
     Missed,
+    /// Exit code of the program that did it, which has said why.
+    Ended(u8),
 }
 
 /// Parses, runs, says what went wrong.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    if arguments.quiet {
+        terminal::be_quiet();
+    }
     let result = match arguments.command {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
@@ -73,6 +89,7 @@ pub fn main() -> ExitCode {
         Command::Diagnose(arguments) => diagnose::run(&arguments),
         Command::Ladder(arguments) => ladder::run(&arguments),
         Command::Report(arguments) => report::run(&arguments),
+        Command::Replay(arguments) => replay::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Compensate(arguments) => compensate::run(&arguments),
         Command::Map(arguments) => map::run(&arguments),
@@ -81,10 +98,13 @@ pub fn main() -> ExitCode {
         Command::Run(arguments) => run::run(&arguments),
         Command::Effects(arguments) => effects::run(&arguments),
         Command::Sweep(arguments) => sweep::run(&arguments),
+        Command::Completions(arguments) => completions::completions(&arguments),
+        Command::Man(arguments) => completions::manual(&arguments),
     };
     match result {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::Missed) => ExitCode::from(3),
+        Ok(Outcome::Ended(code)) => ExitCode::from(code),
         Err(error) if closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => match error.downcast::<clap::Error>() {
             Ok(usage) => {
@@ -102,7 +122,7 @@ pub fn main() -> ExitCode {
 }
 
 /// The error and its causes, each said once: most messages hold their cause already.
-fn message(error: &anyhow::Error) -> String {
+pub fn message(error: &anyhow::Error) -> String {
     let mut text = error.to_string();
     for cause in error.chain().skip(1).map(ToString::to_string) {
         if !text.contains(&cause) {
@@ -154,18 +174,4 @@ fn closed_pipe(error: &anyhow::Error) -> bool {
     error
         .downcast_ref::<std::io::Error>()
         .is_some_and(|error| error.kind() == std::io::ErrorKind::BrokenPipe)
-}
-
-/// Writes results to stdout.
-fn print(text: &str) -> anyhow::Result<()> {
-    use std::io::Write;
-    let mut out = std::io::stdout().lock();
-    out.write_all(text.as_bytes())?;
-    out.flush()?;
-    Ok(())
-}
-
-/// Writes a result document to stdout.
-fn print_json(document: &impl serde::Serialize) -> anyhow::Result<()> {
-    print(&(serde_json::to_string_pretty(document)? + "\n"))
 }

@@ -2,14 +2,14 @@
 
 use super::{Outcome, print, progress};
 use crate::campaign::{Campaign, write_atomically};
-use crate::diagnosis::{self, Diagnosis};
+use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::fit::Options;
 use crate::ladder;
 use crate::model_file;
 use crate::plan::Separation;
 use crate::report::diagnosis::words_of_verdict;
 use crate::report::format::{count, wrap};
-use crate::report::html::{Origin, Results, page};
+use crate::report::html::{Origin, Results, Step, page};
 use anyhow::Context;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -69,11 +69,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let own = arguments.candidates.as_ref();
     let own = own.map(|file| format!(" --candidates {}", file.display()));
     let given = effects.unwrap_or_default() + &own.unwrap_or_default();
-    let quick = if arguments.no_cross_validation {
-        " --no-cross-validation"
-    } else {
-        ""
-    };
+    let quick = quickly(arguments.no_cross_validation);
     let origin = Origin {
         command: format!("misfit report {path}{given}{quick}"),
         next: after_ladder(&path.to_string(), &given, &ladder.last),
@@ -85,6 +81,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     write(&arguments.output, &campaign, &results, &origin)?;
     spinner.finish_and_clear();
+    let commands: Vec<&str> = origin.next.iter().map(|s| s.command.as_str()).collect();
     let title = format!(
         "{} · robot {} · {} fitted",
         campaign.name,
@@ -96,7 +93,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         wrap(&title, 9),
         wrap(&words_of_verdict(&ladder.last), 9),
         line(&arguments.output),
-        origin.next.join("\n         ")
+        commands.join("\n         ")
     ))?;
     Ok(if ladder.last.fit.converged {
         Outcome::Done
@@ -113,12 +110,52 @@ pub(super) fn next_poses(campaign: &Campaign, diagnosis: &Diagnosis) -> Option<S
 }
 
 /// Commands to go on with after a ladder: keep its model; measure what it cannot tell.
-pub(super) fn after_ladder(path: &str, given: &str, last: &Diagnosis) -> Vec<String> {
+pub(super) fn after_ladder(path: &str, given: &str, last: &Diagnosis) -> Vec<Step> {
+    let keep = Step::new(
+        "keep the model of the last rung, for --model of fit and compensate",
+        format!("misfit ladder {path}{given} -o model.toml"),
+    );
     let plan = match last.alike.first() {
-        Some((a, b)) => format!("misfit plan {path} --separate {},{}", a.id(), b.id()),
-        None => format!("misfit plan {path}"),
+        Some((a, b)) => {
+            let command = format!("misfit plan {path} --separate {},{}", a.id(), b.id());
+            return vec![tell_apart(a.id(), b.id(), command), keep];
+        }
+        None => Step::new(
+            "choose the poses that would make the parameters more exact",
+            format!("misfit plan {path}"),
+        ),
     };
-    vec![format!("misfit ladder {path}{given} -o model.toml"), plan]
+    own_law(path, last)
+        .into_iter()
+        .chain([keep, plan])
+        .collect()
+}
+
+/// Where the catalogue has no name for what is left, the user may have an idea.
+pub(super) fn own_law(path: &str, last: &Diagnosis) -> Option<Step> {
+    let unexplained = matches!(last.verdict, Verdict::Unknown | Verdict::NamedIncomplete);
+    (unexplained && !last.stopped && last.power.is_enough()).then(|| {
+        Step::new(
+            "write down what you think it is as a law of your own (misfit effects show expression), and try it",
+            format!("misfit diagnose {path} --candidates laws.toml"),
+        )
+    })
+}
+
+/// What settles an alias.
+pub(super) fn tell_apart(a: &str, b: &str, command: String) -> Step {
+    Step::new(
+        format!("measure poses that tell {a} from {b}; this lists them as a table"),
+        command,
+    )
+}
+
+/// The word of the command line, as it was given.
+pub(super) fn quickly(no_cross_validation: bool) -> &'static str {
+    match no_cross_validation {
+        true => " --no-cross-validation",
+        false => "",
+    }
 }
 
 /// Writes the page; an old file stays whole if it cannot be.

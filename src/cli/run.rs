@@ -1,12 +1,13 @@
 //! `misfit run`.
 
 use super::{
-    Outcome, drill, make_folder, map, print, print_json, progress, report as pages, simulate,
+    Outcome, drill, make_folder, map, print, print_json, progress, record, report as pages,
+    simulate,
 };
 use crate::fit::{self, Options};
 use crate::model_file;
 use crate::report;
-use crate::report::html::{Origin, Results};
+use crate::report::html::{Origin, Results, Step};
 use crate::report::run::{Instead, RunDocument};
 use crate::scenario::compensated::{self, Compensate};
 use crate::scenario::control_loop::{self, ControlLoop, Looped};
@@ -24,7 +25,7 @@ use std::path::{Path, PathBuf};
 pub struct Arguments {
     /// Scenario file.
     scenario: PathBuf,
-    /// Folder to keep the recording, the truth and the result in.
+    /// Folder to keep the recording (readings, predictions, misfit), the truth and the result in.
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Write the fit as one HTML page too, with pictures.
@@ -107,11 +108,6 @@ pub(super) fn title(scenario: &Scenario) -> String {
 /// One campaign: simulated, fitted, compared.
 fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDocument, String)> {
     let campaign = simulate::campaign(scenario)?;
-    if let Some(folder) = &arguments.output {
-        let path = folder.join(format!("{}.mcap", scenario.name));
-        simulate::write_recording(scenario, &campaign, &path)?;
-        simulate::write_text(&simulate::truth_path(&path), &truth_text(scenario))?;
-    }
     let spinner = progress::spinner();
     let say = |text: &str| spinner.set_message(text.to_owned());
     let model = model_file::model(
@@ -135,8 +131,14 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
         let origin = Origin {
             command: format!("misfit run {path}{seed}"),
             next: vec![
-                format!("misfit simulate {path}{seed} -o {recording}"),
-                format!("misfit report {recording}"),
+                Step::new(
+                    "keep the campaign that this scenario simulates",
+                    format!("misfit simulate {path}{seed} -o {recording}"),
+                ),
+                Step::new(
+                    "then ask which physical effect the model lacks, if any",
+                    format!("misfit report {recording}"),
+                ),
             ],
             seed: Some(scenario.seed),
         };
@@ -145,6 +147,22 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
             baseline: Some(&baseline),
         };
         pages::write(file, &campaign, &results, &origin)?;
+    }
+    if let Some(folder) = &arguments.output {
+        let path = folder.join(format!("{}.mcap", scenario.name));
+        record::write(
+            &path,
+            &campaign,
+            &report::recording::of_fit(&campaign, Some(&baseline), &found),
+            &found.model,
+            &report::json::fit(&found, Some(&baseline)),
+            simulate::metadata(scenario),
+            vec![(
+                simulate::SCENARIO_FILE.to_owned(),
+                scenario.without_truth.clone().into(),
+            )],
+        )?;
+        simulate::write_text(&simulate::truth_path(&path), &truth_text(scenario))?;
     }
     let compared = compare(scenario, &found);
     let checks = check_fit(&scenario.expect, &found, &compared);

@@ -2,7 +2,7 @@
 
 use super::{Outcome, print, progress};
 use crate::campaign::Campaign;
-use crate::recording;
+use crate::recording::{Beside, write_campaign};
 use crate::report::format::count;
 use crate::scenario::{Scenario, simulate};
 use anyhow::Context;
@@ -86,19 +86,34 @@ pub(super) fn campaign(scenario: &Scenario) -> anyhow::Result<Campaign> {
     Ok(campaign)
 }
 
-/// Writes the recording, the scenario with it.
+/// Writes the recording, with the scenario but for its truth.
 pub(super) fn write_recording(
     scenario: &Scenario,
     campaign: &Campaign,
     path: &Path,
 ) -> anyhow::Result<()> {
-    let metadata = BTreeMap::from([
+    let beside = Beside {
+        metadata: metadata(scenario),
+        attachments: vec![(
+            SCENARIO_FILE.to_owned(),
+            scenario.without_truth.clone().into(),
+        )],
+        ..Beside::default()
+    };
+    write_campaign(campaign, path, &beside)?;
+    Ok(())
+}
+
+/// Name of the attached scenario.
+pub(super) const SCENARIO_FILE: &str = "scenario.toml";
+
+/// Where a simulated recording comes from.
+pub(super) fn metadata(scenario: &Scenario) -> BTreeMap<String, String> {
+    BTreeMap::from([
         ("scenario".to_owned(), scenario.name.clone()),
         ("seed".to_owned(), scenario.seed.to_string()),
         ("misfit".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
-    ]);
-    recording::write_campaign(campaign, path, &metadata, &[])?;
-    Ok(())
+    ])
 }
 
 /// `x.mcap` → `x.truth.toml`, beside it.
@@ -129,7 +144,7 @@ fn truth_beside(folder: &Path) -> anyhow::Result<PathBuf> {
 }
 
 /// A path that `fit` will know as a recording, and that is no scenario's.
-fn recording_path(text: &str) -> Result<PathBuf, String> {
+pub(super) fn recording_path(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     match path.extension() {
         Some(ending) if ending == "mcap" => Ok(path),

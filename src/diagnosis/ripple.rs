@@ -19,7 +19,7 @@ use crate::fit::triangle::triangle;
 use crate::fit::{Fit, solve};
 use crate::model::Model;
 use crate::robot::JointKind;
-use nalgebra::{Cholesky, DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DMatrixView, DVector};
 use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 use std::ops::Range;
@@ -469,7 +469,7 @@ struct Search<'a> {
     scan: &'a Scan,
     readings: Vec<usize>,
     /// Orthonormal: what the base model and the waves found can do.
-    basis: DMatrix<f64>,
+    basis: Columns,
     /// Directions of it that are the base model's.
     rank: usize,
     /// What they leave, and what the base model alone leaves.
@@ -493,7 +493,7 @@ impl<'a> Search<'a> {
             scan,
             readings: readings.to_vec(),
             rank: basis.ncols(),
-            basis,
+            basis: Columns::of(basis),
             of_base: residual.clone(),
             residual,
             lanes: Vec::new(),
@@ -511,7 +511,7 @@ impl<'a> Search<'a> {
     /// Where nothing else says how large the noise is, it is what is left.
     fn settle_noise(&mut self) {
         if self.scan.own_noise {
-            let dof = self.residual.len().saturating_sub(self.basis.ncols());
+            let dof = self.residual.len().saturating_sub(self.basis.all().ncols());
             let dof = dof.max(1) as f64;
             self.against = Against {
                 variance: self.residual.norm_squared() / dof,
@@ -538,8 +538,8 @@ impl<'a> Search<'a> {
         let (first, step) = (SLOWEST + period, period / STEPS);
         let mut lane = Lane {
             weight,
-            basis: compact(self.products(joint, &place, &self.basis)),
-            residual: self.products(joint, &place, &column(&self.residual)),
+            basis: compact(self.products(joint, &place, self.basis.all())),
+            residual: self.products(joint, &place, column(&self.residual)),
             count: ((FASTEST - first) / step).max(0.0) as usize,
             angles,
             place,
@@ -578,7 +578,12 @@ impl<'a> Search<'a> {
     }
 
     /// Products of a joint's motion with columns over the rows, summed by angle.
-    fn products(&self, joint: usize, places: &[usize], columns: &DMatrix<f64>) -> DMatrix<f64> {
+    fn products(
+        &self,
+        joint: usize,
+        places: &[usize],
+        columns: DMatrixView<'_, f64>,
+    ) -> DMatrix<f64> {
         let angles = places.iter().max().map_or(0, |last| last + 1);
         let mut sums = DMatrix::zeros(angles, columns.ncols());
         let motion = self.scan.joints[joint].motion.as_slice();
@@ -715,20 +720,23 @@ impl<'a> Search<'a> {
         let mut pair = self.scan.pair(peak.joint, peak.cycles, &self.readings);
         // twice: once leaves rounding of what was large
         for _ in 0..2 {
-            pair -= &self.basis * self.basis.tr_mul(&pair);
+            pair -= self.basis.all() * self.basis.all().tr_mul(&pair);
         }
         let fresh = pair.qr().q();
         self.residual -= &fresh * fresh.tr_mul(&self.residual);
-        append(&mut self.basis, &fresh);
+        self.basis.push(&fresh);
         self.found.push(peak);
         self.settle_noise();
         let mut lanes = std::mem::take(&mut self.lanes);
-        let residual = column(&self.residual);
         let here = &*self;
+        let residual = column(&here.residual);
         lanes.par_iter_mut().enumerate().for_each(|(joint, lane)| {
             let Some(lane) = lane else { return };
-            lane.residual = here.products(joint, &lane.place, &residual);
-            append(&mut lane.basis, &here.products(joint, &lane.place, &fresh));
+            lane.residual = here.products(joint, &lane.place, residual);
+            append(
+                &mut lane.basis,
+                &here.products(joint, &lane.place, fresh.as_view()),
+            );
         });
         self.lanes = lanes;
     }
@@ -742,7 +750,8 @@ impl<'a> Search<'a> {
 
     /// Columns with what the base model can do taken out.
     fn partialled(&self, columns: DMatrix<f64>) -> DMatrix<f64> {
-        let base = self.basis.columns(0, self.rank);
+        let all = self.basis.all();
+        let base = all.columns(0, self.rank);
         &columns - base * (base.transpose() * &columns)
     }
 
@@ -845,8 +854,32 @@ impl<'a> Search<'a> {
     }
 }
 
-fn column(vector: &DVector<f64>) -> DMatrix<f64> {
-    DMatrix::from_column_slice(vector.len(), 1, vector.as_slice())
+fn column(vector: &DVector<f64>) -> DMatrixView<'_, f64> {
+    DMatrixView::from_slice(vector.as_slice(), vector.len(), 1)
+}
+
+/// Columns to which others come: of many rows it would be slow to copy all for each.
+struct Columns {
+    rows: usize,
+    values: Vec<f64>,
+}
+
+impl Columns {
+    fn of(matrix: DMatrix<f64>) -> Self {
+        Self {
+            rows: matrix.nrows(),
+            values: matrix.data.into(),
+        }
+    }
+
+    fn all(&self) -> DMatrixView<'_, f64> {
+        let count = self.values.len() / self.rows.max(1);
+        DMatrixView::from_slice(&self.values, self.rows, count)
+    }
+
+    fn push(&mut self, more: &DMatrix<f64>) {
+        self.values.extend_from_slice(more.as_slice());
+    }
 }
 
 /// As few columns with the same products of rows with each other.

@@ -8,7 +8,7 @@ pub mod noise;
 pub mod paper;
 mod rank;
 pub mod solve;
-mod start;
+pub mod start;
 pub(crate) mod triangle;
 
 use crate::campaign::{Campaign, Noise, Reading, Split};
@@ -155,6 +155,8 @@ pub struct Fit {
     pub converged: bool,
     /// Steps taken.
     pub iterations: usize,
+    /// Sum of squares of the whitened misfit, prior included, at each step.
+    pub costs: Vec<f64>,
 }
 
 impl Fit {
@@ -431,6 +433,7 @@ struct Estimate {
     noise: Noise,
     whiteners: Vec<Whitener>,
     used: NoiseUsed,
+    costs: Vec<f64>,
 }
 
 /// Fits with the noise settled: from repeats, the file, or in rounds from what is left.
@@ -502,6 +505,7 @@ fn estimate(
     let mut solution = None;
     let mut dof = None;
     let mut steps = 0;
+    let mut costs = Vec::new();
     for round in 0..rounds {
         let problem = CampaignProblem::new(model, readings, &whiteners, &free, &p);
         let begin: Vec<f64> = free.iter().map(|&k| p[k]).collect();
@@ -512,6 +516,7 @@ fn estimate(
         };
         let found = solve::solve(&problem, &begin, about, |iteration, cost| {
             on_step(&format!("step {iteration}, cost {cost:.6e}"));
+            costs.push(cost);
         });
         p = problem.full(&found.p);
         steps += found.iterations;
@@ -571,6 +576,7 @@ fn estimate(
         noise: shape,
         whiteners,
         used,
+        costs,
     })
 }
 
@@ -949,5 +955,6 @@ fn finish(
         noise: estimate.used,
         converged: estimate.solution.converged,
         iterations: estimate.solution.iterations,
+        costs: estimate.costs,
     }
 }

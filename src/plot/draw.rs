@@ -244,6 +244,8 @@ fn lines(chart: &mut Chart<'_, '_>, all: &[Series]) -> Result<(), PlotError> {
 
 /// Radius of a point, px.
 const DOT: i32 = 3;
+/// More points than these hide each other.
+const MANY: usize = 150;
 
 fn scatter(
     panel: &Panel,
@@ -358,12 +360,20 @@ fn cloud(panel: &Panel, cloud: &Cloud, area: &Area<'_>) -> Result<(), PlotError>
         let (r, g, b) = viridis((value / top).min(1.0));
         RGBColor(r, g, b)
     };
-    // both ends of the colours are hard to see on one of the papers: each point has a rim
-    let rim = GREY.stroke_width(1);
-    let discs = points().map(|p| Circle::new((p.0, p.1), DOT + 2, colour(p.2).filled()));
-    chart.draw_series(discs).map_err(failed)?;
-    let rims = points().map(|p| Circle::new((p.0, p.1), DOT + 2, rim));
-    chart.draw_series(rims).map_err(failed)?;
+    // both ends of the colours are hard to see on one of the papers: each point has a rim, and where they are many a
+    // faint one
+    let (radius, share) = match cloud.points.len() > MANY {
+        true => (DOT, 0.35),
+        false => (DOT + 2, 1.0),
+    };
+    let rim = GREY.mix(share).stroke_width(1);
+    for point in points() {
+        let at = (point.0, point.1);
+        let disc = Circle::new(at, radius, colour(point.2).filled());
+        chart.draw_series([disc]).map_err(failed)?;
+        let rim = Circle::new(at, radius, rim);
+        chart.draw_series([rim]).map_err(failed)?;
+    }
     colour_scale(&cloud.unit, area, top, colour)
 }
 
@@ -423,12 +433,10 @@ fn colour_scale(
         height.saturating_sub(BELOW + MARGIN) as i32,
     );
     let at = |share: f64| low - (share * f64::from(low - high)).round() as i32;
+    // each step reaches to the top and the next is drawn over it: no seams where a viewer scales the picture
     for step in 0..STEPS {
-        let (from, to) = (
-            f64::from(step) / f64::from(STEPS),
-            f64::from(step + 1) / f64::from(STEPS),
-        );
-        let corners = [(left, at(to)), (left + 14, at(from))];
+        let from = f64::from(step) / f64::from(STEPS);
+        let corners = [(left, at(1.0)), (left + 14, at(from))];
         area.draw(&Rectangle::new(corners, colour(top * from).filled()))
             .map_err(failed)?;
     }

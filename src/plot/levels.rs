@@ -30,7 +30,13 @@ pub(super) fn draw(panel: &Panel, levels: &Levels, area: &Area<'_>) -> Result<()
     let left = MARGIN as i32 + 8 + (LETTER * longest.unwrap_or(0) as f64) as i32;
     let right = width - 2 * MARGIN as i32;
     let left = left.min(right / 2);
-    let high = (ABOVE + MARGIN) as i32 + LEGEND;
+    // without a title its room is left out
+    let above = if panel.title.is_empty() {
+        0
+    } else {
+        ABOVE as i32
+    };
+    let high = above + MARGIN as i32 + LEGEND;
     let low = height - (BELOW + MARGIN) as i32;
     // an eighth of a decade beside the outermost
     let (from, to) = (least.log10() - 0.125, most.log10() + 0.125);
@@ -89,7 +95,7 @@ pub(super) fn draw(panel: &Panel, levels: &Levels, area: &Area<'_>) -> Result<()
         }
     }
     let mut next = left;
-    let row = (ABOVE + MARGIN) as i32 + 6;
+    let row = above + MARGIN as i32 + 6;
     let style = at(HPos::Left, VPos::Center);
     for (index, (name, _)) in levels.series.iter().enumerate() {
         mark(area, (next + MARK, row), index)?;

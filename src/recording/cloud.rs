@@ -96,24 +96,11 @@ fn message(cloud: &Cloud, base: &str) -> io::Result<PointCloud> {
         let [r, g, b] = colour(if most > 0.0 { position / most } else { 0.0 });
         data.extend([b, g, r, 0]);
     }
-    let width = u32::try_from(cloud.points.len()).map_err(io::Error::other)?;
-    Ok(PointCloud {
-        header: header(0, base),
-        height: 1,
-        width,
-        fields: FIELDS
-            .iter()
-            .map(|&(name, offset, datatype)| PointField {
-                name: name.to_owned(),
-                offset,
-                datatype,
-                count: 1,
-            })
-            .collect(),
-        is_bigendian: false,
-        point_step: POINT_STEP as u32,
-        row_step: u32::try_from(data.len()).map_err(io::Error::other)?,
-        data,
-        is_dense: true,
-    })
+    let fields = FIELDS.iter().map(|&(name, offset, datatype)| PointField {
+        name: name.to_owned(),
+        offset,
+        datatype,
+        count: 1,
+    });
+    PointCloud::of(header(0, base), fields.collect(), POINT_STEP, data)
 }

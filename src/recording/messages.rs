@@ -261,6 +261,107 @@ impl Message for PointCloud {
     ];
 }
 
+impl PointCloud {
+    /// Points one after the other, `step` bytes each.
+    pub(super) fn of(
+        header: Header,
+        fields: Vec<PointField>,
+        step: usize,
+        data: Vec<u8>,
+    ) -> std::io::Result<Self> {
+        let number = |x: usize| u32::try_from(x).map_err(std::io::Error::other);
+        Ok(Self {
+            header,
+            height: 1,
+            width: number(data.len() / step)?,
+            fields,
+            is_bigendian: false,
+            point_step: number(step)?,
+            row_step: number(data.len())?,
+            data,
+            is_dense: true,
+        })
+    }
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Vector3Stamped {
+    pub(super) header: Header,
+    pub(super) vector: Xyz,
+}
+
+impl Message for Vector3Stamped {
+    const NAME: &'static str = "geometry_msgs/msg/Vector3Stamped";
+    const TEXTS: &'static [(&'static str, &'static str)] = &[
+        text!("geometry_msgs", "Vector3Stamped"),
+        HEADER,
+        TIME,
+        VECTOR3,
+    ];
+}
+
+/// Numbers that viewers plot by themselves; the layout's label names them.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Float64MultiArray {
+    pub(super) dim: Vec<MultiArrayDimension>,
+    pub(super) data_offset: u32,
+    pub(super) data: Vec<f64>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct MultiArrayDimension {
+    pub(super) label: String,
+    pub(super) size: u32,
+    pub(super) stride: u32,
+}
+
+impl Message for Float64MultiArray {
+    const NAME: &'static str = "std_msgs/msg/Float64MultiArray";
+    const TEXTS: &'static [(&'static str, &'static str)] = &[
+        text!("std_msgs", "Float64MultiArray"),
+        text!("std_msgs", "MultiArrayLayout"),
+        text!("std_msgs", "MultiArrayDimension"),
+    ];
+}
+
+/// One step of a ladder; see `msg/misfit_msgs_Rung.msg`.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Rung {
+    pub(super) header: Header,
+    pub(super) added: String,
+    pub(super) fitted_rms_m: f64,
+    pub(super) heldout_rms_m: Vec<f64>,
+    pub(super) position: Xyz,
+    pub(super) orientation: Xyzw,
+}
+
+impl Message for Rung {
+    const NAME: &'static str = "misfit_msgs/msg/Rung";
+    const TEXTS: &'static [(&'static str, &'static str)] = &[
+        text!("misfit_msgs", "Rung"),
+        HEADER,
+        TIME,
+        text!("geometry_msgs", "Pose"),
+        POINT,
+        QUATERNION,
+    ];
+}
+
+/// One step of the solver; see `msg/misfit_msgs_FitProgress.msg`.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct FitProgress {
+    pub(super) header: Header,
+    pub(super) rung: u32,
+    pub(super) iteration: u32,
+    pub(super) cost: f64,
+}
+
+impl Message for FitProgress {
+    const NAME: &'static str = "misfit_msgs/msg/FitProgress";
+    const TEXTS: &'static [(&'static str, &'static str)] =
+        &[text!("misfit_msgs", "FitProgress"), HEADER, TIME];
+}
+
 /// What the standard types lack; see `msg/misfit_msgs_Reading.msg`.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct ReadingMessage {

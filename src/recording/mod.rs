@@ -1,7 +1,8 @@
 //! Campaigns as MCAP recordings of the `ros2` profile: one file that viewers open and `misfit` reads back.
 //!
 //! All messages of one reading share its log time. Angles, tracker poses and wrenches stand in
-//! standard types on standard topics; `misfit_msgs/msg/Reading` has the rest. The
+//! standard types on standard topics; `misfit_msgs/msg/Reading` has the rest. What a fit or a ladder found
+//! stands beside them: predictions, misfit, rungs, the verdict. The
 //! campaign file and the robot file are attached. Only this module speaks to the MCAP library.
 
 mod bag;
@@ -10,14 +11,16 @@ mod description;
 mod error;
 mod messages;
 mod read;
+mod results;
 mod transforms;
 mod write;
 
 pub use bag::{Bag, PoseSample, Samples, Stamp, Topic, is_bag, read_bag};
 pub use cloud::{Cloud, write_clouds};
 pub use error::RecordingError;
-pub use read::read_campaign;
-pub use write::write_campaign;
+pub use read::{Recording, read_campaign, read_recording};
+pub use results::{Progress, Results, Step};
+pub use write::{Beside, Holds, write_campaign};
 
 /// Name of the attached campaign file.
 const CAMPAIGN_FILE: &str = "campaign.toml";
@@ -27,6 +30,8 @@ const CAMPAIGN_RECORD: &str = "campaign";
 const RUN_RECORD: &str = "run";
 /// Value of `format` in the campaign record; a reader refuses any other.
 const FORMAT: &str = "misfit.campaign/1";
+/// The same of joint commands for wanted poses: nothing was measured, so no fit takes them.
+const COMMANDS_FORMAT: &str = "misfit.commands/1";
 /// Messages of the encoding.
 const CDR: &str = "cdr";
 

@@ -2,10 +2,14 @@
 
 use super::error::RecordingError;
 use super::messages::{
-    JointState, Message, PoseStamped, ReadingMessage, WrenchStamped, Xyz, decode,
+    FitProgress, JointState, Message, PointCloud, PoseStamped, ReadingMessage, Rung, Text,
+    Transforms, WrenchStamped, Xyz, decode,
 };
+use super::results::{self, FIT_PROGRESS, LADDER_CLOUD, LADDER_RUNG, Progress, Results, VERDICT};
+use super::write::Holds;
 use super::{
-    CAMPAIGN_FILE, CAMPAIGN_RECORD, CDR, FORMAT, JOINT_STATES, READING, TRACKER_POSE, WRENCH,
+    CAMPAIGN_FILE, CAMPAIGN_RECORD, CDR, COMMANDS_FORMAT, FORMAT, JOINT_STATES, READING,
+    RUN_RECORD, TF, TRACKER_POSE, WRENCH,
 };
 use crate::campaign::{
     Campaign, Document, Payload, Reading, RobotFile, Split, Target, Wrench, plain_file_name,
@@ -34,6 +38,40 @@ pub(super) const LARGEST_RECORD: usize = 256_000_000;
 /// A file that is not MCAP, is cut off or damaged, is not of a campaign, or whose messages do not
 /// fit one another.
 pub fn read_campaign(path: &Path) -> Result<Campaign, RecordingError> {
+    let recording = read(path, false)?;
+    match recording.holds {
+        Holds::Readings => Ok(recording.campaign),
+        Holds::Commands => Err(foreign(
+            &path.display().to_string(),
+            "joint commands for wanted poses, which nobody measured".to_owned(),
+        )),
+    }
+}
+
+/// All that a recording of ours holds.
+#[derive(Debug)]
+pub struct Recording {
+    /// The readings, or the commands as if they were readings.
+    pub campaign: Campaign,
+    /// Which of both.
+    pub holds: Holds,
+    /// What models say of them, where a fit or a ladder was recorded.
+    pub results: Option<Results>,
+    /// The record `run`.
+    pub metadata: BTreeMap<String, String>,
+    /// Files beside campaign and robot: name and bytes.
+    pub attachments: BTreeMap<String, Vec<u8>>,
+}
+
+/// Reads all of a recording: the campaign as [`read_campaign`] does, and what was found.
+///
+/// # Errors
+/// As [`read_campaign`]; results that do not fit the readings.
+pub fn read_recording(path: &Path) -> Result<Recording, RecordingError> {
+    read(path, true)
+}
+
+fn read(path: &Path, with_results: bool) -> Result<Recording, RecordingError> {
     let file = path.display().to_string();
     let bytes = read_at_most(path, LARGEST).map_err(|source| RecordingError::Read {
         file: file.clone(),
@@ -45,12 +83,23 @@ pub fn read_campaign(path: &Path) -> Result<Campaign, RecordingError> {
             limit: LARGEST_NAME.into(),
         });
     };
-    let contents = Contents::read(&file, &bytes)?;
+    let mut contents = Contents::read(&file, &bytes, with_results)?;
+    let efforts: BTreeMap<u64, Vec<f64>> = contents.efforts();
+    let holds = contents.holds(&file)?;
     let campaign = contents.campaign(&file)?;
-    campaign
-        .check()
-        .map_err(|problem| RecordingError::Inconsistent { file, problem })?;
-    Ok(campaign)
+    let inconsistent = |problem| RecordingError::Inconsistent {
+        file: file.clone(),
+        problem,
+    };
+    campaign.check().map_err(inconsistent)?;
+    let results = contents.results(&campaign, efforts).map_err(inconsistent)?;
+    Ok(Recording {
+        campaign,
+        holds,
+        results,
+        metadata: contents.run,
+        attachments: contents.attachments,
+    })
 }
 
 /// What a recording holds for us.
@@ -63,12 +112,22 @@ struct Contents {
     wrenches: BTreeMap<u64, WrenchStamped>,
     /// In the order of the file.
     readings: Vec<(u64, ReadingMessage)>,
+    run: BTreeMap<String, String>,
+    /// Are the topics below wanted?
+    with_results: bool,
+    /// Frames of the fitted robot's links, by log time.
+    fitted: BTreeMap<u64, Transforms>,
+    /// By log time, as the clouds.
+    rungs: BTreeMap<u64, Rung>,
+    clouds: BTreeMap<u64, PointCloud>,
+    progress: Vec<Progress>,
+    verdict: String,
     unpacked: u64,
 }
 
 impl Contents {
     /// Reads every record to the end, so that a file cut off anywhere is refused.
-    fn read(file: &str, bytes: &[u8]) -> Result<Self, RecordingError> {
+    fn read(file: &str, bytes: &[u8], with_results: bool) -> Result<Self, RecordingError> {
         let damaged = |error: mcap::McapError| RecordingError::Damaged {
             file: file.into(),
             problem: error.to_string(),
@@ -82,7 +141,10 @@ impl Contents {
         let mut reader = LinearReader::new_with_options(options);
         let mut rest = bytes;
         let mut channels = ChannelAccumulator::default();
-        let mut contents = Self::default();
+        let mut contents = Self {
+            with_results,
+            ..Self::default()
+        };
         while let Some(event) = reader.next_event() {
             match event.map_err(damaged)? {
                 LinearReadEvent::ReadRequest(wanted) => {
@@ -145,6 +207,10 @@ impl Contents {
                 self.record = Some(metadata.metadata);
                 Ok(())
             }
+            Record::Metadata(metadata) if metadata.name == RUN_RECORD => {
+                self.run = metadata.metadata;
+                Ok(())
+            }
             _ => Ok(()),
         }
     }
@@ -169,22 +235,83 @@ impl Contents {
                 self.readings.push((time, at.decode(channel, data)?));
                 Ok(())
             }
+            _ if !self.with_results => Ok(()),
+            TF => at.keep(&mut self.fitted, at.decode(channel, data)?),
+            LADDER_RUNG => at.keep(&mut self.rungs, at.decode(channel, data)?),
+            LADDER_CLOUD => at.keep(&mut self.clouds, at.decode(channel, data)?),
+            FIT_PROGRESS => {
+                let progress: FitProgress = at.decode(channel, data)?;
+                self.progress.push(Progress {
+                    step: progress.rung as usize,
+                    iteration: progress.iteration,
+                    cost: progress.cost,
+                });
+                Ok(())
+            }
+            VERDICT => {
+                let verdict: Text = at.decode(channel, data)?;
+                self.verdict = verdict.data;
+                Ok(())
+            }
             _ => Ok(()),
         }
     }
 
-    fn campaign(mut self, file: &str) -> Result<Campaign, RecordingError> {
+    /// What the recording says that its readings are.
+    fn holds(&self, file: &str) -> Result<Holds, RecordingError> {
         let record = self
             .record
-            .take()
+            .as_ref()
             .ok_or_else(|| foreign(file, format!("no metadata record {CAMPAIGN_RECORD:?}")))?;
         match record.get("format").map(String::as_str) {
-            Some(FORMAT) => {}
+            Some(FORMAT) => Ok(Holds::Readings),
+            Some(COMMANDS_FORMAT) => Ok(Holds::Commands),
             other => {
                 let found = format!("the format {other:?} where {FORMAT:?} is known");
-                return Err(foreign(file, found));
+                Err(foreign(file, found))
             }
         }
+    }
+
+    /// Joint torques by log time.
+    fn efforts(&self) -> BTreeMap<u64, Vec<f64>> {
+        let states = self.joints.iter();
+        states
+            .map(|(time, state)| (*time, state.effort.clone()))
+            .collect()
+    }
+
+    /// What models say of the readings, if the recording has a rung.
+    fn results(
+        &mut self,
+        campaign: &Campaign,
+        efforts: BTreeMap<u64, Vec<f64>>,
+    ) -> Result<Option<Results>, String> {
+        if self.rungs.is_empty() {
+            return Ok(None);
+        }
+        let robot = &campaign.robot;
+        let mut found = Results {
+            progress: std::mem::take(&mut self.progress),
+            verdict: std::mem::take(&mut self.verdict),
+            torques: efforts.into_values().collect(),
+            ..Results::default()
+        };
+        for (time, rung) in std::mem::take(&mut self.rungs) {
+            let cloud = self.clouds.get(&time).ok_or_else(|| {
+                format!("no message on {LADDER_CLOUD} for the one on {LADDER_RUNG} at {time} ns")
+            })?;
+            found.steps.push(results::step(rung, cloud, robot)?);
+        }
+        for transforms in std::mem::take(&mut self.fitted).into_values() {
+            found.links.push(results::links(robot, &transforms)?);
+        }
+        results::check(&found, campaign)?;
+        Ok(Some(found))
+    }
+
+    fn campaign(&mut self, file: &str) -> Result<Campaign, RecordingError> {
+        let record = self.record.take().unwrap_or_default();
         let name = record.get("name").cloned().unwrap_or_default();
         // The map sorts the numbered keys.
         let warnings = record

@@ -1,9 +1,9 @@
 //! Where every frame of the robot stands: for viewers, computed from the nominal robot.
 
 use super::messages::{Header, TransformStamped, Xyz, Xyzw};
-use crate::campaign::{Campaign, Frame};
+use crate::campaign::{Campaign, Frame, unit_quaternion};
 use crate::robot::Robot;
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// Name of the tracker's frame, unlike any link's.
 pub(super) fn tracker_frame(robot: &Robot) -> String {
@@ -14,13 +14,19 @@ pub(super) fn tracker_frame(robot: &Robot) -> String {
     name
 }
 
-/// Links fixed to their body, and the tracker if its place is known.
-pub(super) fn fixed(campaign: &Campaign, header: &Header) -> Vec<TransformStamped> {
+/// Links fixed to their body, and the tracker if its place is known: from the campaign, or as `found`.
+pub(super) fn fixed(
+    campaign: &Campaign,
+    found: Option<&Isometry3<f64>>,
+    header: &Header,
+) -> Vec<TransformStamped> {
     let robot = &campaign.robot;
     let mut transforms = Vec::new();
-    if let (Frame::Known(base_from_tracker), Some(base)) =
-        (campaign.base_from_tracker, robot.bodies.first())
-    {
+    let known = match campaign.base_from_tracker {
+        Frame::Known(pose) => Some(pose),
+        Frame::Estimate => found.copied(),
+    };
+    if let (Some(base_from_tracker), Some(base)) = (known, robot.bodies.first()) {
         // The first body's frame need not be that of the link it is named after.
         let link_from_tracker = robot.body_from_frame(0).inverse() * base_from_tracker;
         let child = tracker_frame(robot);
@@ -61,7 +67,8 @@ pub(super) fn moving(robot: &Robot, joints: &[f64], header: &Header) -> Vec<Tran
     transforms
 }
 
-fn stamped(
+/// Pose of a frame in its parent's.
+pub(super) fn stamped(
     header: &Header,
     parent: &str,
     child: String,
@@ -76,6 +83,14 @@ fn stamped(
         translation: xyz(&parent_from_child.translation.vector),
         rotation: xyzw(&parent_from_child.rotation),
     }
+}
+
+/// A pose from its numbers.
+pub(super) fn pose(position: &Xyz, q: &Xyzw) -> Result<Isometry3<f64>, String> {
+    let rotation = unit_quaternion([q.w, q.x, q.y, q.z])
+        .map_err(|norm| format!("a quaternion of norm {norm}; accepted: 1"))?;
+    let translation = Translation3::new(position.x, position.y, position.z);
+    Ok(Isometry3::from_parts(translation, rotation))
 }
 
 pub(super) fn xyz(v: &Vector3<f64>) -> Xyz {

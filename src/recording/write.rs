@@ -5,24 +5,56 @@ use super::messages::{
     Header, JointState, Message, PoseStamped, ReadingMessage, Temperature, Text, Time, Transforms,
     WrenchStamped, encode, schema,
 };
+use super::results::{self, ResultChannels, Results, fitted_links};
 use super::transforms::{fixed, moving, tracker_frame, xyz, xyzw};
 use super::{
-    CAMPAIGN_FILE, CAMPAIGN_RECORD, CDR, FORMAT, JOINT_STATES, READING, ROBOT_DESCRIPTION,
-    RUN_RECORD, TEMPERATURE, TF, TF_STATIC, TRACKER_POSE, WRENCH, description,
+    CAMPAIGN_FILE, CAMPAIGN_RECORD, CDR, COMMANDS_FORMAT, FORMAT, JOINT_STATES, READING,
+    ROBOT_DESCRIPTION, RUN_RECORD, TEMPERATURE, TF, TF_STATIC, TRACKER_POSE, WRENCH, description,
 };
 use crate::campaign::{Campaign, Reading, Split, render_document, write_atomically};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, WriteOptions, Writer};
-use nalgebra::UnitQuaternion;
+use nalgebra::{Isometry3, UnitQuaternion};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Seek, Write};
 use std::path::Path;
 
+/// What the readings of a recording are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Holds {
+    /// Measured, or simulated as if measured.
+    #[default]
+    Readings,
+    /// Wanted poses, with the joint commands that are to reach them.
+    Commands,
+}
+
+impl Holds {
+    pub(super) fn format(self) -> &'static str {
+        match self {
+            Holds::Readings => FORMAT,
+            Holds::Commands => COMMANDS_FORMAT,
+        }
+    }
+}
+
+/// What stands in a recording beside the campaign.
+#[derive(Debug, Default)]
+pub struct Beside<'a> {
+    /// What its readings are.
+    pub holds: Holds,
+    /// What models say of them.
+    pub results: Option<&'a Results>,
+    /// The record `run`: seed, versions, command.
+    pub metadata: BTreeMap<String, String>,
+    /// More files: name and bytes.
+    pub attachments: Vec<(String, Vec<u8>)>,
+}
+
 /// Writes a campaign as an MCAP file that [`read_campaign`](super::read_campaign) reads back equal.
 ///
-/// `metadata` becomes the record `run`; `attachments` (name, bytes) stand beside the campaign's
-/// own. The same arguments give the same bytes. The file is written beside an old one and then
+/// The same arguments give the same bytes. The file is written beside an old one and then
 /// renamed, so a failure leaves the old one whole.
 ///
 /// Messages carry the time of their reading if every reading has one and they increase;
@@ -34,8 +66,7 @@ use std::path::Path;
 pub fn write_campaign(
     campaign: &Campaign,
     path: &Path,
-    metadata: &BTreeMap<String, String>,
-    attachments: &[(String, Vec<u8>)],
+    beside: &Beside<'_>,
 ) -> Result<(), RecordingError> {
     let file = path.display().to_string();
     let inconsistent = |problem| RecordingError::Inconsistent {
@@ -43,50 +74,52 @@ pub fn write_campaign(
         problem,
     };
     campaign.check().map_err(inconsistent)?;
+    if let Some(results) = beside.results {
+        results::check(results, campaign).map_err(inconsistent)?;
+    }
     let mut names = BTreeSet::from([CAMPAIGN_FILE, campaign.robot_file.name.as_str()]);
-    if let Some((twice, _)) = attachments.iter().find(|(name, _)| !names.insert(name)) {
+    if let Some((twice, _)) = beside
+        .attachments
+        .iter()
+        .find(|(name, _)| !names.insert(name))
+    {
         return Err(inconsistent(format!(
             "two attachments are called {twice:?}"
         )));
     }
-    write_atomically(path, |writer| fill(campaign, writer, metadata, attachments)).map_err(
-        |source| RecordingError::Write {
+    write_atomically(path, |writer| fill(campaign, writer, beside)).map_err(|source| {
+        RecordingError::Write {
             file: file.clone(),
             source,
-        },
-    )
+        }
+    })
 }
 
-fn fill(
-    campaign: &Campaign,
-    file: impl Write + Seek,
-    metadata: &BTreeMap<String, String>,
-    attachments: &[(String, Vec<u8>)],
-) -> io::Result<()> {
+fn fill(campaign: &Campaign, file: impl Write + Seek, beside: &Beside<'_>) -> io::Result<()> {
     let mut recorder = Recorder {
         writer: writer(file)?,
     };
     // What concerns the whole file comes before the messages, so that a reader of a stream has it.
     let mut record = BTreeMap::from([
-        ("format".to_owned(), FORMAT.to_owned()),
+        ("format".to_owned(), beside.holds.format().to_owned()),
         ("name".to_owned(), campaign.name.clone()),
     ]);
     for (index, warning) in campaign.warnings.iter().enumerate() {
         record.insert(format!("warning_{index:06}"), warning.clone());
     }
     recorder.metadata(CAMPAIGN_RECORD, record)?;
-    recorder.metadata(RUN_RECORD, metadata.clone())?;
+    recorder.metadata(RUN_RECORD, beside.metadata.clone())?;
     let document = render_document(campaign, None);
     recorder.attach(CAMPAIGN_FILE, document.as_bytes())?;
     recorder.attach(
         &campaign.robot_file.name,
         campaign.robot_file.text.as_bytes(),
     )?;
-    for (name, bytes) in attachments {
+    for (name, bytes) in &beside.attachments {
         recorder.attach(name, bytes)?;
     }
-    let channels = Channels::add(&mut recorder.writer)?;
-    recorder.readings(campaign, &channels)?;
+    let channels = Channels::add(&mut recorder.writer, beside.results.is_some())?;
+    recorder.readings(campaign, &channels, beside.results)?;
     recorder.writer.finish().map_err(io::Error::other)?;
     Ok(())
 }
@@ -134,11 +167,17 @@ struct Channels {
     wrench: u16,
     temperature: u16,
     reading: u16,
+    results: Option<ResultChannels>,
 }
 
 impl Channels {
-    fn add<W: Write + Seek>(writer: &mut Writer<W>) -> io::Result<Self> {
+    fn add<W: Write + Seek>(writer: &mut Writer<W>, results: bool) -> io::Result<Self> {
+        let results = match results {
+            true => Some(ResultChannels::add(writer)?),
+            false => None,
+        };
         Ok(Self {
+            results,
             robot_description: channel::<Text, W>(writer, ROBOT_DESCRIPTION, true)?,
             tf_static: channel::<Transforms, W>(writer, TF_STATIC, true)?,
             joint_states: channel::<JointState, W>(writer, JOINT_STATES, false)?,
@@ -228,19 +267,37 @@ impl<W: Write + Seek> Recorder<W> {
             .map_err(io::Error::other)
     }
 
-    fn readings(&mut self, campaign: &Campaign, channels: &Channels) -> io::Result<()> {
+    fn readings(
+        &mut self,
+        campaign: &Campaign,
+        channels: &Channels,
+        results: Option<&Results>,
+    ) -> io::Result<()> {
         let times = log_times(&campaign.readings);
         let start = times.first().copied().unwrap_or_default();
+        let end = times.last().copied().unwrap_or_default();
+        let tracker = tracker_frame(&campaign.robot);
         let robot = &campaign.robot;
         let description = Text {
             data: description::urdf(robot, &campaign.robot_file),
         };
         self.message(channels.robot_description, 0, start, &description)?;
-        let transforms = fixed(campaign, &header(start, ""));
+        let last = results.and_then(|results| results.steps.last());
+        let found = last.map(|step| &step.base_from_tracker);
+        let transforms = fixed(campaign, found, &header(start, ""));
         self.message(channels.tf_static, 0, start, &Transforms { transforms })?;
         for (index, (reading, time)) in campaign.readings.iter().zip(times).enumerate() {
             let sequence = u32::try_from(index).map_err(io::Error::other)?;
-            self.reading(campaign, channels, reading, sequence, time)?;
+            let found =
+                results.map(|results| (&results.links[index][..], &results.torques[index][..]));
+            self.reading(campaign, channels, reading, (sequence, time), found)?;
+            if let (Some(results), Some(channels)) = (results, &channels.results) {
+                let at = (sequence, time);
+                self.predictions(channels, results, (index, reading), at, &tracker)?;
+            }
+        }
+        if let (Some(results), Some(channels)) = (results, &channels.results) {
+            self.steps(channels, campaign, results, (start, end), &tracker)?;
         }
         Ok(())
     }
@@ -250,8 +307,8 @@ impl<W: Write + Seek> Recorder<W> {
         campaign: &Campaign,
         channels: &Channels,
         reading: &Reading,
-        sequence: u32,
-        time: u64,
+        (sequence, time): (u32, u64),
+        found: Option<(&[Isometry3<f64>], &[f64])>,
     ) -> io::Result<()> {
         let robot = &campaign.robot;
         let base = robot.bodies.first().map_or("base", |body| &body.name);
@@ -263,10 +320,13 @@ impl<W: Write + Seek> Recorder<W> {
             name: robot.joints.iter().map(|j| j.name.clone()).collect(),
             position: reading.joints.clone(),
             velocity: Vec::new(),
-            effort: Vec::new(),
+            effort: found.map_or_else(Vec::new, |(_, torques)| torques.to_vec()),
         };
         self.message(channels.joint_states, sequence, time, &joints)?;
-        let transforms = moving(robot, &reading.joints, &header(time, ""));
+        let mut transforms = moving(robot, &reading.joints, &header(time, ""));
+        if let Some((links, _)) = found {
+            transforms.extend(fitted_links(robot, links, time));
+        }
         self.message(channels.tf, sequence, time, &Transforms { transforms })?;
         let orientation = reading.orientation.unwrap_or_else(UnitQuaternion::identity);
         let pose = PoseStamped {

@@ -15,5 +15,6 @@ pub mod ladder;
 pub mod map;
 pub mod paper;
 pub mod plan;
+pub mod recording;
 pub mod run;
 pub mod sweep;

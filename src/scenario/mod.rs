@@ -36,8 +36,10 @@ pub struct Scenario {
     pub title: String,
     /// A remark to be printed with the survey of the workspace.
     pub note: Option<String>,
-    /// The scenario file's own text, to be carried along in recordings.
+    /// The scenario file's own text; in layers, both.
     pub text: String,
+    /// The same without truth and expectations, to be carried along in recordings.
+    pub without_truth: String,
     /// Robot, targets, gravity.
     pub setup: Setup,
     /// The robot file's own text.
@@ -92,6 +94,7 @@ impl Scenario {
 }
 
 /// What a scenario does: one thing.
+#[expect(clippy::large_enum_variant, reason = "there is one a scenario")]
 #[derive(Debug, Clone)]
 pub enum Job {
     /// Fits one campaign.

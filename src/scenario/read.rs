@@ -154,6 +154,7 @@ impl Scenario {
         let folder = path.parent().unwrap_or(Path::new(""));
         let all: toml::Table = toml::from_str(&text).map_err(|error| form(plain(&error)))?;
         let (all, text) = layered(&file, folder, all, text)?;
+        let without_truth = public(&all).map_err(|error| form(error.to_string()))?;
         let shared = ["robot", "base", "gravity", "target", "frames", "noise"];
         let (shared, own): (toml::Table, toml::Table) = all
             .into_iter()
@@ -219,6 +220,7 @@ impl Scenario {
             title: own.title,
             note: own.note,
             text,
+            without_truth,
             robot_file: RobotFile {
                 name: robot_path
                     .file_name()
@@ -320,6 +322,14 @@ fn layered(
         }
     }
     Ok((all, format!("{below}\n# but for:\n{text}")))
+}
+
+/// The scenario without what scoring alone may read.
+fn public(all: &toml::Table) -> Result<String, toml::ser::Error> {
+    let kept = all.iter();
+    let kept = kept.filter(|(key, _)| !["truth", "blind", "expect"].contains(&key.as_str()));
+    let kept: toml::Table = kept.map(|(k, v)| (k.clone(), v.clone())).collect();
+    toml::to_string(&kept)
 }
 
 /// A TOML error in a user's words.

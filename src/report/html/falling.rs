@@ -123,7 +123,7 @@ fn chart(rungs: &[Rung], floor: Option<f64>) -> Result<Picture, ReportError> {
         series.push(("not fitted".to_owned(), held.collect()));
     }
     let rows: Vec<String> = rungs.iter().map(name).collect();
-    let height = 120 + 30 * rows.len() as u32;
+    let height = 100 + 30 * rows.len() as u32;
     let alt: Vec<String> = rungs
         .iter()
         .map(|rung| format!("{} {}", name(rung), length(rung.fit.position_rms_m)))
@@ -143,7 +143,7 @@ fn chart(rungs: &[Rung], floor: Option<f64>) -> Result<Picture, ReportError> {
         panel,
         height,
         format!("Falling position error of the fitted readings: {}.", alt.join(", ")),
-        "Position error, rms, rung by rung, downwards. A logarithmic axis: each grid decade is ten times less."
+        "Position error, rms, rung by rung, downwards. The axis is logarithmic: the same way to the left is the same factor."
             .to_owned(),
     )?)
 }

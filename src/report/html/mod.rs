@@ -4,6 +4,7 @@
 //! Templates are compiled in; whatever they are given is escaped, so names of campaigns and joints may hold any
 //! letter. No clock is read: the same results give the same bytes.
 
+mod against;
 mod blind;
 mod carrier;
 mod falling;
@@ -11,6 +12,8 @@ mod next;
 mod origin;
 mod parameters;
 mod places;
+mod pull;
+mod variables;
 mod verdict;
 
 use crate::campaign::{Campaign, Reading};
@@ -21,7 +24,7 @@ use crate::plan::Separation;
 use crate::plot::{Content, Figure, Panel, PlotError, svg};
 use askama::Template;
 
-pub use origin::Origin;
+pub use origin::{Origin, Step};
 
 /// What there is to report.
 #[derive(Debug, Clone, Copy)]
@@ -152,11 +155,12 @@ pub fn page(
         }
         None => campaign,
     };
+    let carrier = carrier::section(shown, results)?;
     let page = Page {
         title: campaign.name.clone(),
-        verdict: verdict::section(campaign, results),
+        verdict: verdict::section(campaign, results, &carrier.plots, origin),
         falling: falling::section(results)?,
-        carrier: carrier::section(shown, results)?,
+        carrier,
         places: places::section(shown, results)?,
         parameters: parameters::section(results.fit()),
         blind: blind::section(campaign, results),

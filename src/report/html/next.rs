@@ -1,6 +1,6 @@
 //! What to do next: commands, and poses that settle an alias.
 
-use super::{Origin, Results};
+use super::{Origin, Results, Step};
 use crate::campaign::Campaign;
 use crate::plan::Outlook;
 use crate::report::format::number;
@@ -8,7 +8,7 @@ use crate::robot::JointKind;
 
 /// What the section shows.
 pub(super) struct Section {
-    pub commands: Vec<String>,
+    pub steps: Vec<Step>,
     /// What the poses promise.
     pub promises: Vec<String>,
     /// Heads of the table of poses: joint and unit.
@@ -21,7 +21,7 @@ pub(super) struct Section {
 
 pub(super) fn section(campaign: &Campaign, results: &Results<'_>, origin: &Origin) -> Section {
     let mut section = Section {
-        commands: origin.next.clone(),
+        steps: origin.next.clone(),
         promises: Vec::new(),
         joints: Vec::new(),
         poses: Vec::new(),

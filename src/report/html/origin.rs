@@ -10,10 +10,29 @@ use crate::report::format::{angle, count, length, number};
 pub struct Origin {
     /// The command line, without where the report goes.
     pub command: String,
-    /// Commands to go on with.
-    pub next: Vec<String>,
+    /// What to go on with.
+    pub next: Vec<Step>,
     /// Seed of a simulation.
     pub seed: Option<u64>,
+}
+
+/// Something to do, and the command that does it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Step {
+    /// In words, without a full stop.
+    pub what: String,
+    /// The command line.
+    pub command: String,
+}
+
+impl Step {
+    /// Both.
+    pub fn new(what: impl Into<String>, command: impl Into<String>) -> Self {
+        Self {
+            what: what.into(),
+            command: command.into(),
+        }
+    }
 }
 
 /// What the section shows: a name and what it is.

@@ -26,6 +26,8 @@ pub(super) struct Effect {
     /// Is there a column of stiffness?
     pub springs: bool,
     pub rows: Vec<Row>,
+    /// Of an effect with many, those that may be zero.
+    pub rest: Vec<Row>,
 }
 
 /// One parameter.
@@ -50,6 +52,8 @@ pub(super) struct Pair {
 
 /// Pairs listed at most.
 const PAIRS: usize = 10;
+/// Parameters of an effect of which all are shown.
+const MANY: usize = 16;
 /// Weaker ones are not worth knowing.
 const WORTH: f64 = 0.5;
 /// From this size on parameters are known together much better than apart.
@@ -124,12 +128,21 @@ fn effects(fit: &Fit) -> Vec<Effect> {
         };
         let rows: Vec<Row> = term.parameters.iter().enumerate().map(of).collect();
         let known = rows.iter().filter(|row| row.status == "estimated").count();
+        let count_all = rows.len();
+        let folded = id == "geometry";
+        let sure = |k: usize| {
+            let half = fit.std[k].map(|std| std * quantile);
+            half.is_some_and(|half| fit.values[k].abs() > half)
+        };
+        let shown = |place: usize| folded || count_all <= MANY || sure(term.first + place);
+        let (rows, rest): (Vec<_>, Vec<_>) =
+            rows.into_iter().enumerate().partition(|row| shown(row.0));
         let options = term.effect.options().to_string();
         Effect {
-            folded: id == "geometry",
+            folded,
             summary: format!(
                 "{}, {known} identified one by one",
-                count(rows.len(), "parameter")
+                count(count_all, "parameter")
             ),
             options: options
                 .lines()
@@ -138,7 +151,8 @@ fn effects(fit: &Fit) -> Vec<Effect> {
                 .collect(),
             id: id.to_owned(),
             springs,
-            rows,
+            rows: rows.into_iter().map(|(_, row)| row).collect(),
+            rest: rest.into_iter().map(|(_, row)| row).collect(),
         }
     };
     fit.model.terms.iter().map(of_term).collect()

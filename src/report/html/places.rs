@@ -53,8 +53,14 @@ pub(super) fn section(
         .into_iter()
         .map(|k| &poses[k])
         .collect();
-    let most = |of: fn(&Pose) -> f64| shown.iter().map(|p| of(p)).fold(0.0, f64::max);
-    let top = most(|p| p.after).max(if compared { most(|p| p.before) } else { 0.0 });
+    let mut sizes: Vec<f64> = shown.iter().map(|pose| pose.after).collect();
+    if compared {
+        sizes.extend(shown.iter().map(|pose| pose.before));
+    }
+    sizes.sort_by(f64::total_cmp);
+    // one pose far off must not make all others look alike
+    let top = sizes[(sizes.len() - 1) * 98 / 100];
+    let beyond = sizes.iter().filter(|size| **size > top).count();
     let (unit, scale) = if top < 2e-4 {
         ("µm", 1e6)
     } else {
@@ -112,13 +118,34 @@ pub(super) fn section(
         true => format!(" {} of {} poses are drawn.", shown.len(), poses.len()),
         false => String::new(),
     };
+    let ends = match beyond {
+        0 => String::new(),
+        _ => format!(" Errors above {} have the last colour.", length(top)),
+    };
+    let models = match results.before() {
+        Some(before) => {
+            let new: Vec<&str> = {
+                let ids = results.fit().model.terms.iter().map(|t| t.effect.id());
+                ids.filter(|id| !before.model.has(id)).collect()
+            };
+            match new.is_empty() {
+                true => String::new(),
+                false => format!(
+                    " Before: the model without {}; after: with {}.",
+                    new.join(", "),
+                    if new.len() == 1 { "it" } else { "them" }
+                ),
+            }
+        }
+        None => String::new(),
+    };
     Ok(Some(Section {
         worst: order.iter().take(WORST).map(row).collect(),
         pictures,
         compared,
         note: format!(
             "Each point is a pose: where its target's link is in the base frame of the nominal robot, coloured by the \
-             position error of its readings, rms, fitted or not.{few}"
+             position error of its readings, rms, fitted or not.{models}{few}{ends}"
         ),
     }))
 }

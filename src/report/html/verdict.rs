@@ -1,6 +1,7 @@
 //! The verdict in words, and the few numbers behind it.
 
-use super::Results;
+use super::carrier::Plot;
+use super::{Origin, Results, Step};
 use crate::campaign::Campaign;
 use crate::diagnosis::{Diagnosis, Verdict};
 use crate::effects::find;
@@ -21,6 +22,8 @@ pub(super) struct Section {
     pub paragraphs: Vec<String>,
     /// Numbers: what, how much, and from where it fell.
     pub numbers: Vec<Number>,
+    /// What to do first.
+    pub first: Option<Step>,
 }
 
 /// A number worth a place at the top.
@@ -30,10 +33,19 @@ pub(super) struct Number {
     pub from: Option<String>,
 }
 
-pub(super) fn section(campaign: &Campaign, results: &Results<'_>) -> Section {
+/// Poses not fitted are off by so many times what fitted ones are: more freedom than the readings hold.
+const FREE: f64 = 2.0;
+
+/// `plots` are what the next section but one shows of the effects.
+pub(super) fn section(
+    campaign: &Campaign,
+    results: &Results<'_>,
+    plots: &[Plot],
+    origin: &Origin,
+) -> Section {
     let fit = results.fit();
     let (tone, headline, mut paragraphs) = match results.diagnosis() {
-        Some(diagnosis) => diagnosed(diagnosis),
+        Some(diagnosis) => diagnosed(diagnosis, plots),
         None => fitted(fit, results.before()),
     };
     if !fit.converged {
@@ -45,6 +57,7 @@ pub(super) fn section(campaign: &Campaign, results: &Results<'_>) -> Section {
             ),
         );
     }
+    paragraphs.extend(too_free(fit));
     let held = match fit.readings.1 {
         0 => String::new(),
         n => format!(", {n} held out"),
@@ -59,10 +72,26 @@ pub(super) fn section(campaign: &Campaign, results: &Results<'_>) -> Section {
         headline,
         paragraphs,
         numbers: numbers(results),
+        first: origin.next.first().cloned(),
     }
 }
 
-fn diagnosed(diagnosis: &Diagnosis) -> (&'static str, String, Vec<String>) {
+/// Fitted readings look better than poses that were not fitted.
+fn too_free(fit: &Fit) -> Option<String> {
+    let held = fit.heldout?;
+    let ratio = held.position_rms_m / fit.fit.position_rms_m;
+    let noise = fit.noise.position_sigma * 3f64.sqrt();
+    (ratio > FREE && held.position_rms_m > FREE * noise).then(|| {
+        format!(
+            "Poses that were not fitted are off by {}, {} × as much as fitted ones: the model has more freedom than \
+             these readings hold. Trust that error, not the other; more poses make it smaller.",
+            length(held.position_rms_m),
+            number(ratio)
+        )
+    })
+}
+
+fn diagnosed(diagnosis: &Diagnosis, plots: &[Plot]) -> (&'static str, String, Vec<String>) {
     let effects = diagnosis.effects.join(", ");
     let power = &diagnosis.power;
     let (is, be) = match diagnosis.effects.len() {
@@ -71,9 +100,23 @@ fn diagnosed(diagnosis: &Diagnosis) -> (&'static str, String, Vec<String>) {
     };
     let mut paragraphs: Vec<String> = Vec::new();
     let (tone, headline) = match diagnosis.verdict {
+        Verdict::Unknown if diagnosis.stopped => (
+            "unsure",
+            "Something is missing; it was told to stop before it looked for what.".to_owned(),
+        ),
         Verdict::Nothing | Verdict::Unknown if !power.is_enough() => (
             "unsure",
             "This campaign cannot say what is missing.".to_owned(),
+        ),
+        // a design that tells hardly any effect from the others has not said much
+        Verdict::Nothing if 2 * power.apart < power.visible => (
+            "unsure",
+            format!(
+                "Nothing detectable is missing, but this campaign could hardly show it: of the {} that a typical size \
+                 would show it tells {} from every other.",
+                count(power.visible, "effect"),
+                power.apart
+            ),
         ),
         Verdict::Nothing => (
             "good",
@@ -111,8 +154,10 @@ fn diagnosed(diagnosis: &Diagnosis) -> (&'static str, String, Vec<String>) {
                     found.log_evidence
                 )
             });
+            let most = plots.iter().find(|plot| plot.effect == *effect);
+            let most = most.map_or_else(String::new, |plot| format!(" {}", plot.most));
             paragraphs.push(format!(
-                "{effect}: {}{evidence}",
+                "{effect}: {}{most}{evidence}",
                 entry.summary().replace('`', "")
             ));
         }
@@ -121,6 +166,7 @@ fn diagnosed(diagnosis: &Diagnosis) -> (&'static str, String, Vec<String>) {
         paragraphs.push("The form of what was found may be wrong.".to_owned());
     }
     if diagnosis.verdict == Verdict::Unknown
+        && !diagnosis.stopped
         && let Some(pattern) = diagnosis.patterns.first()
     {
         paragraphs.push(format!(
@@ -131,8 +177,17 @@ fn diagnosed(diagnosis: &Diagnosis) -> (&'static str, String, Vec<String>) {
     if let Some(effect) = &diagnosis.refused {
         paragraphs.push(format!("Not added: {}.", refusal(effect)));
     }
+    if diagnosis.verdict == Verdict::Nothing && power.is_enough() {
+        paragraphs.push(format!(
+            "Of the effects that are not in the model this campaign would show {} at a typical size, and tell {} of them from \
+             every other. What it cannot show may be there all the same: see what this campaign cannot see.",
+            power.visible, power.apart
+        ));
+    }
     if diagnosis.stopped {
-        paragraphs.push("It was told to stop here; tests still alarm.".to_owned());
+        paragraphs.push(
+            "The tests still alarm: this model is not the last word on these readings.".to_owned(),
+        );
     }
     if !power.is_enough() {
         let lacks = power.lacks();
@@ -209,7 +264,7 @@ fn numbers(results: &Results<'_>) -> Vec<Number> {
             from: None,
         });
         numbers.push(Number {
-            what: "what is left over noise",
+            what: "what is left, in noise",
             value: format!("× {}", number(in_noise(fit, &fit.fit))),
             from: None,
         });

@@ -64,6 +64,18 @@ impl Expect {
 /// Checks the expectations of control loops.
 pub fn check_loop(expect: &Expect, found: &[Looped]) -> Vec<Check> {
     let mut checks = Vec::new();
+    // nothing that was held met nothing, whatever is expected
+    checks.extend(
+        found
+            .iter()
+            .filter(|looped| looped.poses == 0)
+            .map(|looped| Check {
+                what: format!("poses held, loop of {}", looped.model),
+                found: format!("0, {} left out", looped.left_out),
+                accepted: "at least 1".to_owned(),
+                met: false,
+            }),
+    );
     for wanted in &expect.loops {
         let Some(looped) = found.iter().find(|l| l.model == wanted.model) else {
             continue;
