@@ -213,9 +213,9 @@ fn every_command_that_has_a_result_makes_a_page() {
             vec![
                 "fit",
                 "named.mcap",
-                "--no-cross-validation",
                 "--effects",
                 "+backlash",
+                "--no-cross-validation",
                 "--report",
                 "fit.html",
             ],
