@@ -268,7 +268,13 @@ fn scatter(
         .iter()
         .map(|dots| &dots.name)
         .chain(through.iter().map(|s| &s.name));
-    let y = under_legend(y, names.filter(|name| !name.is_empty()).count(), area);
+    let entries = names.filter(|name| !name.is_empty()).count();
+    // pictures of one scale have the same room above, whatever their legends
+    let entries = match heights {
+        Some(_) => entries.max(2),
+        None => entries,
+    };
+    let y = under_legend(y, entries, area);
     let spans = (x.end - x.start, y.end - y.start);
     let mut chart = axes(panel, area, (x, y), 0)?;
     mesh(&mut chart, panel, spans, None)?;
