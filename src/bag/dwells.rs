@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 const WINDOW: f64 = 0.2;
 /// s.
 const STEP: f64 = WINDOW / 4.0;
-/// Loose bound: surely moving, rad (m) within [`WINDOW`]. Real stops are tighter by a factor of ten and more.
+/// Loose bound: surely moving, rad (m) within [`WINDOW`]. It is a choice: 1 mrad/s; the noise found below it sets the bound.
 const MOVING: f64 = 2e-4;
 /// Tightest bound, rad (m): 0.1 mrad/s, below which nothing is called a motion.
 const STILL: f64 = 2e-5;
