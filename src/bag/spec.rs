@@ -1,6 +1,6 @@
 //! `import.toml`: which topics of a bag are what, and what a stop is.
 
-use crate::campaign::{CampaignError, Document, RobotFile, Settings};
+use crate::campaign::{CampaignError, Document, Keys, RobotFile, Settings};
 use crate::robot::Robot;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -203,20 +203,7 @@ fn campaign_part(entry: &File) -> toml::Table {
     table
 }
 
-struct Keys<'a> {
-    file: &'a str,
-}
-
 impl Keys<'_> {
-    fn refuse<T>(&self, key: &str, found: String, accepted: &str) -> Result<T, CampaignError> {
-        Err(CampaignError::Key {
-            file: self.file.into(),
-            key: key.into(),
-            found,
-            accepted: accepted.into(),
-        })
-    }
-
     fn check_dwell(&self, dwell: &DwellSpec) -> Result<(), CampaignError> {
         let numbers = [
             ("dwell.min_s", dwell.min_s, 0.0..=3600.0, "0 to 3600 s"),

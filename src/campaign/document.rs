@@ -214,12 +214,17 @@ impl Document {
 }
 
 /// Says which key of which file is wrong.
-struct Keys<'a> {
-    file: &'a str,
+pub(crate) struct Keys<'a> {
+    pub(crate) file: &'a str,
 }
 
 impl Keys<'_> {
-    fn refuse<T>(&self, key: &str, found: String, accepted: &str) -> Result<T, CampaignError> {
+    pub(crate) fn refuse<T>(
+        &self,
+        key: &str,
+        found: String,
+        accepted: &str,
+    ) -> Result<T, CampaignError> {
         Err(CampaignError::Key {
             file: self.file.into(),
             key: key.into(),

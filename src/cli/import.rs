@@ -58,9 +58,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         print_json(&report::document(&bag, &import, shown.clone()))?;
     } else {
         let next = match (&shown, &import.campaign) {
-            (Some(path), _) => {
-                format!("\nnext     misfit fit {path}     or     misfit diagnose {path}\n")
-            }
+            (Some(path), _) => format!(
+                "\nwrote    {path}\n\nnext     misfit fit {path}     or     misfit diagnose {path}\n"
+            ),
             (None, Some(_)) => format!(
                 "\nnext     misfit import {} --spec {} -o DIR\n",
                 arguments.bag.display(),

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 pub struct Arguments {
     /// Scenario file.
     scenario: PathBuf,
-    /// Recording to write; the scenario's name with .mcap if nothing else is asked for.
+    /// Recording to write; the scenario's name with .mcap if nothing else is asked for (--csv DIR writes TOML and CSV).
     #[arg(short, long, value_name = "X.mcap", value_parser = recording_path)]
     output: Option<PathBuf>,
     /// Folder to write the campaign to as TOML and CSV.
@@ -148,7 +148,7 @@ pub(super) fn recording_path(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     match path.extension() {
         Some(ending) if ending == "mcap" => Ok(path),
-        _ => Err("accepted: a path ending in .mcap (--csv DIR writes TOML and CSV)".to_owned()),
+        _ => Err("accepted: a path ending in .mcap".to_owned()),
     }
 }
 

@@ -7,15 +7,13 @@ use super::messages::{
     Header, JointState, Message, PointStamped, PoseStamped, TransformStamped, Transforms,
     WrenchStamped, Xyz, Xyzw, decode,
 };
-use super::read::LARGEST_RECORD;
+use super::records::{damaged, each_record};
 use super::{CAMPAIGN_RECORD, CDR};
 use mcap::read::ChannelAccumulator;
 use mcap::records::Record;
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
-use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -219,62 +217,44 @@ struct Reading<W> {
 }
 
 impl<W: Fn(&Topic) -> bool> Reading<W> {
-    /// Reads every record to the end, so that a file cut off anywhere is refused.
     fn file(&mut self, path: &Path) -> Result<(), RecordingError> {
         let file = path.display().to_string();
-        let damaged = |error: mcap::McapError| RecordingError::Damaged {
-            file: file.clone(),
-            problem: format!(
-                "{error}; if the recorder was stopped, `mcap recover` saves what is whole"
-            ),
-        };
-        let unread = |source| RecordingError::Read {
+        let input = File::open(path).map_err(|source| RecordingError::Read {
             file: file.clone(),
             source,
-        };
-        let mut input = File::open(path).map_err(unread)?;
-        let options = LinearReaderOptions::default()
-            .with_validate_chunk_crcs(true)
-            .with_validate_data_section_crc(true)
-            .with_validate_summary_section_crc(true)
-            .with_check_finishes_after_end_magic(true)
-            .with_record_length_limit(LARGEST_RECORD);
-        let mut reader = LinearReader::new_with_options(options);
+        })?;
         let mut channels = ChannelAccumulator::default();
-        while let Some(event) = reader.next_event() {
-            match event.map_err(damaged)? {
-                LinearReadEvent::ReadRequest(wanted) => {
-                    // Piece by piece: a damaged length must not cost memory.
-                    let room = reader.insert(wanted.clamp(1, 1 << 20));
-                    let read = input.read(room).map_err(unread)?;
-                    reader.notify_read(read);
-                }
-                LinearReadEvent::Record { data, opcode } => {
-                    match mcap::parse_record(opcode, data).map_err(damaged)? {
-                        Record::Schema { header, data } => channels
-                            .add_schema_from_slice(header, &data)
-                            .map_err(damaged)?,
-                        Record::Channel(channel) => {
-                            channels.add_channel(channel).map_err(damaged)?;
-                        }
-                        Record::Message { header, data } => {
-                            let channel = channels.get(header.channel_id).ok_or_else(|| {
-                                damaged(mcap::McapError::UnknownChannel(
-                                    header.sequence,
-                                    header.channel_id,
-                                ))
-                            })?;
-                            self.message(&file, &channel, header.log_time, &data)?;
-                        }
-                        Record::Metadata(metadata) => {
-                            self.campaign |= metadata.name == CAMPAIGN_RECORD;
-                        }
-                        _ => {}
-                    }
-                }
+        let damaged = |error: mcap::McapError| damaged(&file, &error);
+        let read = each_record(&file, input, |record| match record {
+            Record::Schema { header, data } => channels
+                .add_schema_from_slice(header, &data)
+                .map_err(damaged),
+            Record::Channel(channel) => channels.add_channel(channel).map_err(damaged),
+            Record::Message { header, data } => {
+                let channel = channels.get(header.channel_id).ok_or_else(|| {
+                    damaged(mcap::McapError::UnknownChannel(
+                        header.sequence,
+                        header.channel_id,
+                    ))
+                })?;
+                self.message(&file, &channel, header.log_time, &data)
             }
-        }
-        Ok(())
+            Record::Metadata(metadata) => {
+                self.campaign |= metadata.name == CAMPAIGN_RECORD;
+                Ok(())
+            }
+            _ => Ok(()),
+        });
+        // a bag is written by a recorder that can be stopped at any moment
+        read.map_err(|error| match error {
+            RecordingError::Damaged { file, problem } => RecordingError::Damaged {
+                file,
+                problem: format!(
+                    "{problem}; if the recorder was stopped, `mcap recover` saves what is whole"
+                ),
+            },
+            other => other,
+        })
     }
 
     fn message(

@@ -40,7 +40,8 @@ pub enum RecordingError {
     },
     /// MCAP, but not a campaign.
     #[error(
-        "{file}: not a recording of a campaign: found {found}; accepted: files written by `misfit simulate`"
+        "{file}: not a recording of a campaign: found {found}; accepted: what `misfit simulate`, `misfit run -o` and --record \
+         write (`misfit import` makes a campaign of a ROS 2 bag)"
     )]
     Foreign {
         /// The recording.

@@ -11,6 +11,7 @@ mod description;
 mod error;
 mod messages;
 mod read;
+mod records;
 mod results;
 mod transforms;
 mod write;

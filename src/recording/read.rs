@@ -5,6 +5,7 @@ use super::messages::{
     FitProgress, JointState, Message, PointCloud, PoseStamped, ReadingMessage, Rung, Text,
     Transforms, WrenchStamped, Xyz, decode,
 };
+use super::records::{damaged, each_record};
 use super::results::{self, FIT_PROGRESS, LADDER_CLOUD, LADDER_RUNG, Progress, Results, VERDICT};
 use super::write::Holds;
 use super::{
@@ -18,7 +19,6 @@ use crate::campaign::{
 use crate::robot::Robot;
 use mcap::read::ChannelAccumulator;
 use mcap::records::Record;
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -26,8 +26,6 @@ use std::path::Path;
 /// Largest recording, and the most that its messages may unpack to, bytes.
 const LARGEST: u64 = 2_000_000_000;
 const LARGEST_NAME: &str = "2 GB";
-/// Largest single record, bytes; ours are thousands of times smaller.
-pub(super) const LARGEST_RECORD: usize = 256_000_000;
 
 /// Reads a recording written by [`write_campaign`](super::write_campaign), equal in every bit.
 ///
@@ -128,38 +126,14 @@ struct Contents {
 impl Contents {
     /// Reads every record to the end, so that a file cut off anywhere is refused.
     fn read(file: &str, bytes: &[u8], with_results: bool) -> Result<Self, RecordingError> {
-        let damaged = |error: mcap::McapError| RecordingError::Damaged {
-            file: file.into(),
-            problem: error.to_string(),
-        };
-        let options = LinearReaderOptions::default()
-            .with_validate_chunk_crcs(true)
-            .with_validate_data_section_crc(true)
-            .with_validate_summary_section_crc(true)
-            .with_check_finishes_after_end_magic(true)
-            .with_record_length_limit(LARGEST_RECORD);
-        let mut reader = LinearReader::new_with_options(options);
-        let mut rest = bytes;
         let mut channels = ChannelAccumulator::default();
         let mut contents = Self {
             with_results,
             ..Self::default()
         };
-        while let Some(event) = reader.next_event() {
-            match event.map_err(damaged)? {
-                LinearReadEvent::ReadRequest(wanted) => {
-                    // Never more room than there are bytes: a damaged length must not cost memory.
-                    let (next, after) = rest.split_at(wanted.min(rest.len()));
-                    reader.insert(next.len())[..next.len()].copy_from_slice(next);
-                    reader.notify_read(next.len());
-                    rest = after;
-                }
-                LinearReadEvent::Record { data, opcode } => {
-                    let record = mcap::parse_record(opcode, data).map_err(damaged)?;
-                    contents.take(file, record, &mut channels)?;
-                }
-            }
-        }
+        each_record(file, bytes, |record| {
+            contents.take(file, record, &mut channels)
+        })?;
         Ok(contents)
     }
 
@@ -169,10 +143,7 @@ impl Contents {
         record: Record<'_>,
         channels: &mut ChannelAccumulator<'static>,
     ) -> Result<(), RecordingError> {
-        let damaged = |error: mcap::McapError| RecordingError::Damaged {
-            file: file.into(),
-            problem: error.to_string(),
-        };
+        let damaged = |error: mcap::McapError| damaged(file, &error);
         match record {
             Record::Schema { header, data } => channels
                 .add_schema_from_slice(header, &data)
