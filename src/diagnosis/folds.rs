@@ -5,6 +5,7 @@
 use crate::campaign::Reading;
 use crate::fit::pose_key;
 use nalgebra::{Cholesky, DMatrix, DVector};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Folds.
@@ -20,8 +21,62 @@ pub fn by_pose(readings: &[&Reading]) -> Vec<usize> {
     readings.iter().map(of).collect()
 }
 
+/// Products of the columns of `[J | r]` with each other over the rows of each fold; `rows` are those of each reading,
+/// `blocks` all rows in the order of the readings, `pick` takes the columns out of one.
+pub fn normals(
+    readings: &[&Reading],
+    rows: impl Iterator<Item = usize>,
+    blocks: &[DMatrix<f64>],
+    pick: impl Fn(&DMatrix<f64>) -> DMatrix<f64> + Sync,
+) -> Vec<DMatrix<f64>> {
+    let folds = by_pose(readings).into_iter().zip(rows);
+    let folds: Vec<usize> = folds
+        .flat_map(|(fold, rows)| std::iter::repeat_n(fold, rows))
+        .collect();
+    let mut first = 0;
+    let pieces: Vec<(&DMatrix<f64>, &[usize])> = blocks
+        .iter()
+        .map(|block| {
+            let own = &folds[first..first + block.nrows()];
+            first += block.nrows();
+            (block, own)
+        })
+        .collect();
+    let square = |&(block, folds): &(&DMatrix<f64>, &[usize])| -> Vec<DMatrix<f64>> {
+        let columns = pick(block);
+        let of = |fold: usize| {
+            let own: Vec<usize> = (0..folds.len()).filter(|&row| folds[row] == fold).collect();
+            let own = columns.select_rows(&own);
+            own.transpose() * own
+        };
+        (0..FOLDS).map(of).collect()
+    };
+    let parts: Vec<Vec<DMatrix<f64>>> = pieces.par_iter().map(square).collect();
+    let sum = |fold: usize| {
+        // in order, so that the sum does not depend on threads
+        let own = parts.iter().map(|part| &part[fold]);
+        own.fold(None, |sum: Option<DMatrix<f64>>, part| {
+            Some(sum.map_or_else(|| part.clone(), |sum| sum + part))
+        })
+        .unwrap_or_else(|| DMatrix::zeros(1, 1))
+    };
+    (0..FOLDS).map(sum).collect()
+}
+
+/// Sum of the products of all folds but one.
+pub fn without(normals: &[DMatrix<f64>], fold: usize) -> DMatrix<f64> {
+    let mut sum = DMatrix::zeros(normals[fold].nrows(), normals[fold].ncols());
+    for (other, normal) in normals.iter().enumerate() {
+        if other != fold {
+            sum += normal;
+        }
+    }
+    sum
+}
+
 /// Sums of squares of the `tested` rows of `[J | r]`, with the step that the `kept` rows ask for, one for each number
-/// of leading columns in `counts`. `priors` are the strengths of a prior about no step, by columns of `J`.
+/// of leading columns in `counts`; both given by the products of their columns. `priors` are the strengths of a prior
+/// about no step, by columns of `J`.
 pub fn left_out(
     kept: &DMatrix<f64>,
     tested: &DMatrix<f64>,
@@ -29,7 +84,7 @@ pub fn left_out(
     counts: &[usize],
 ) -> Vec<f64> {
     let n = priors.len();
-    let mut normal = kept.transpose() * kept;
+    let mut normal = kept.clone();
     for (k, prior) in priors.iter().enumerate() {
         normal[(k, k)] += prior * prior;
     }
@@ -38,7 +93,9 @@ pub fn left_out(
         let right: DVector<f64> = -normal.view((0, n), (count, 1)).column(0);
         // no step where rounding leaves no factor
         let step = Cholesky::new(part).map_or_else(|| DVector::zeros(count), |c| c.solve(&right));
-        (tested.column(n) + tested.columns(0, count) * step).norm_squared()
+        let own = tested.view((0, 0), (count, count)) * &step;
+        let across = tested.view((0, n), (count, 1)).column(0).dot(&step);
+        tested[(n, n)] + 2.0 * across + own.dot(&step)
     };
     counts.iter().map(error).collect()
 }
@@ -61,15 +118,15 @@ pub fn lower(begin: &[f64], first: &[f64], second: &[f64]) -> bool {
     sum > error && sum > WORTH * whole
 }
 
-/// Sums of squares of the rows of `[J | r]` by folds, each predicted without its own. `folds` by rows.
-pub fn cross_validated(matrix: &DMatrix<f64>, folds: &[usize], priors: &[f64]) -> Vec<f64> {
-    let of = |fold: usize, inside: bool| -> DMatrix<f64> {
-        let rows: Vec<usize> = (0..folds.len())
-            .filter(|&row| (folds[row] == fold) == inside)
-            .collect();
-        matrix.select_rows(&rows)
+/// Sums of squares of `[J | r]` by folds, each predicted without its own, from the products of the columns over each.
+pub fn cross_validated(normals: &[DMatrix<f64>], priors: &[f64]) -> Vec<f64> {
+    let of = |fold: usize| {
+        left_out(
+            &without(normals, fold),
+            &normals[fold],
+            priors,
+            &[priors.len()],
+        )
     };
-    (0..FOLDS)
-        .flat_map(|fold| left_out(&of(fold, false), &of(fold, true), priors, &[priors.len()]))
-        .collect()
+    (0..normals.len()).flat_map(of).collect()
 }

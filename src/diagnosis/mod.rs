@@ -443,21 +443,13 @@ fn main(
 fn predicts_better(campaign: &Campaign, base: &Fit, before: &Fit, after: &Fit) -> bool {
     let readings = fitted(campaign);
     let whiteners = noise::whiteners(&base.model, &base.values, &readings, &base.noise.shape);
-    let of_reading = folds::by_pose(&readings).into_iter().zip(&whiteners);
-    let folds: Vec<usize> = of_reading
-        .flat_map(|(fold, whitener)| std::iter::repeat_n(fold, whitener.rows))
-        .collect();
     let error = |fit: &Fit| {
         let problem =
             CampaignProblem::new(&fit.model, &readings, &whiteners, &fit.free, &fit.values);
         let at: Vec<f64> = fit.free.iter().map(|&k| fit.values[k]).collect();
-        let mut matrix = DMatrix::zeros(folds.len(), at.len() + 1);
-        let mut row = 0;
-        for block in problem.blocks(&at) {
-            matrix.rows_mut(row, block.nrows()).copy_from(&block);
-            row += block.nrows();
-        }
-        folds::cross_validated(&matrix, &folds, &vec![fit::solve::WEAK; at.len()])
+        let rows = whiteners.iter().map(|whitener| whitener.rows);
+        let normals = folds::normals(&readings, rows, &problem.blocks(&at), Clone::clone);
+        folds::cross_validated(&normals, &vec![fit::solve::WEAK; at.len()])
     };
     folds::lower(&error(base), &error(before), &error(after))
 }
@@ -583,8 +575,8 @@ fn analyse(
     let motions = motion::motions(fit, &readings, &whiteners);
     let mut waves = Vec::new();
     if with_waves {
-        let scan = ripple::Scan::new(fit, &readings, &motions, &blocks, base);
-        let found = scan.waves(&against(fit, &gram), ALARM);
+        let against = against(fit, &gram);
+        let found = ripple::scan(fit, &readings, &motions, &blocks, base, &against, ALARM);
         if let Some(found) = found
             && let Some(model) = ripple::with(&fit.model, &found.waves)
             && let Some(term) = model.term(ripple::EFFECT)

@@ -41,25 +41,11 @@ impl Gain {
 impl Folds {
     /// From blocks of `[J | r]` in the order of the readings; `rows` are the rows of each reading.
     pub fn new(readings: &[&Reading], rows: &[usize], blocks: &[DMatrix<f64>]) -> Self {
-        let fold: Vec<usize> = folds::by_pose(readings)
-            .into_iter()
-            .zip(rows)
-            .flat_map(|(fold, &rows)| std::iter::repeat_n(fold, rows))
-            .collect();
-        let n = blocks.first().map_or(1, DMatrix::ncols);
-        let mut parts = vec![DMatrix::zeros(n, n); folds::FOLDS];
-        let mut first = 0;
-        for block in blocks {
-            for (part, sum) in parts.iter_mut().enumerate() {
-                let own = (0..block.nrows()).filter(|row| fold[first + row] == part);
-                let own = block.select_rows(&own.collect::<Vec<_>>());
-                *sum += own.transpose() * own;
-            }
-            first += block.nrows();
+        let parts = folds::normals(readings, rows.iter().copied(), blocks, Clone::clone);
+        let mut total = parts[0].clone();
+        for part in &parts[1..] {
+            total += part;
         }
-        let total = parts
-            .iter()
-            .fold(DMatrix::zeros(n, n), |sum, part| sum + part);
         Self { total, parts }
     }
 
