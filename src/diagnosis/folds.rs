@@ -52,26 +52,19 @@ pub fn normals(
         (0..FOLDS).map(of).collect()
     };
     let parts: Vec<Vec<DMatrix<f64>>> = pieces.par_iter().map(square).collect();
-    let sum = |fold: usize| {
-        // in order, so that the sum does not depend on threads
-        let own = parts.iter().map(|part| &part[fold]);
-        own.fold(None, |sum: Option<DMatrix<f64>>, part| {
-            Some(sum.map_or_else(|| part.clone(), |sum| sum + part))
-        })
-        .unwrap_or_else(|| DMatrix::zeros(1, 1))
-    };
-    (0..FOLDS).map(sum).collect()
+    // in order, so that the sum does not depend on threads
+    let of = |fold: usize| sum(parts.iter().map(|part| &part[fold]));
+    (0..FOLDS).map(of).collect()
 }
 
-/// Sum of the products of all folds but one.
-pub fn without(normals: &[DMatrix<f64>], fold: usize) -> DMatrix<f64> {
-    let mut sum = DMatrix::zeros(normals[fold].nrows(), normals[fold].ncols());
-    for (other, normal) in normals.iter().enumerate() {
-        if other != fold {
-            sum += normal;
-        }
-    }
-    sum
+/// Sum of products over several folds.
+pub fn sum<'a>(normals: impl IntoIterator<Item = &'a DMatrix<f64>>) -> DMatrix<f64> {
+    let add = |sum: Option<DMatrix<f64>>, normal: &DMatrix<f64>| match sum {
+        None => Some(normal.clone()),
+        Some(sum) => Some(sum + normal),
+    };
+    let sum = normals.into_iter().fold(None, add);
+    sum.unwrap_or_else(|| DMatrix::zeros(1, 1))
 }
 
 /// Sums of squares of the `tested` rows of `[J | r]`, with the step that the `kept` rows ask for, one for each number
@@ -121,12 +114,9 @@ pub fn lower(begin: &[f64], first: &[f64], second: &[f64]) -> bool {
 /// Sums of squares of `[J | r]` by folds, each predicted without its own, from the products of the columns over each.
 pub fn cross_validated(normals: &[DMatrix<f64>], priors: &[f64]) -> Vec<f64> {
     let of = |fold: usize| {
-        left_out(
-            &without(normals, fold),
-            &normals[fold],
-            priors,
-            &[priors.len()],
-        )
+        let others = (0..normals.len()).filter(|&other| other != fold);
+        let kept = sum(others.map(|other| &normals[other]));
+        left_out(&kept, &normals[fold], priors, &[priors.len()])
     };
     (0..normals.len()).flat_map(of).collect()
 }

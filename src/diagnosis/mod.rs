@@ -33,7 +33,7 @@ use nalgebra::DMatrix;
 pub use next::{NextError, POSES, next_poses};
 pub use patterns::Pattern;
 pub use power::Power;
-use prediction::{Folds, Gain};
+use prediction::Gain;
 use rayon::prelude::*;
 use ripple::Wave;
 use score::{Against, Gram, Information};
@@ -745,9 +745,9 @@ fn gain(
     }
     picked.extend(blocks.first().map(|block| block.ncols() - 1));
     let pick = |block: &DMatrix<f64>| block.select_columns(&picked);
-    let blocks: Vec<DMatrix<f64>> = blocks.iter().map(pick).collect();
-    let rows: Vec<usize> = whiteners.iter().map(|whitener| whitener.rows).collect();
-    Folds::new(readings, &rows, &blocks).gain(base, &priors, against.variance)
+    let rows = whiteners.iter().map(|whitener| whitener.rows);
+    let normals = folds::normals(readings, rows, blocks, pick);
+    prediction::gain(&normals, base, &priors, against.variance)
 }
 
 /// Rows of `[base | effects | r]`, whitened and scaled, and where each effect has its columns.

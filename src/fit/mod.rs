@@ -28,6 +28,10 @@ pub use rank::{LOST, Status, Unobservable};
 
 /// Readings a block: large enough to amortise a QR factorisation, fixed so that sums do not depend on threads.
 const BLOCK: usize = 48;
+/// Readings that are not alike from which on a fit begins with some of them.
+const MANY: usize = 2_000;
+/// One in so many of them: a prime, so that a design's loads and directions, which go round, are all there.
+const ONE_IN: usize = 7;
 /// Folds of the cross-validation by pose.
 const FOLDS: usize = 5;
 /// Below this many poses no cross-validation: a fold would be a pose or two.
@@ -508,7 +512,10 @@ fn estimate(
     let mut costs = Vec::new();
     for round in 0..rounds {
         let problem = CampaignProblem::new(model, readings, &whiteners, &free, &p);
-        let begin: Vec<f64> = free.iter().map(|&k| p[k]).collect();
+        let mut begin: Vec<f64> = free.iter().map(|&k| p[k]).collect();
+        if source != Source::Residual {
+            begin = ahead(&problem, begin, &centre);
+        }
         // what rounds find is the next one's prior, until the noise has settled
         let about = match source {
             Source::Residual => &begin,
@@ -639,6 +646,26 @@ fn residual(prediction: &crate::model::Prediction, reading: &Reading) -> Row {
         row.fixed_rows_mut::<6>(6).copy_from(&left);
     }
     row
+}
+
+/// Where a fit of some of the readings ends, from where that of all has a step or two to go; the beginning if they are
+/// few, or if it does not converge.
+fn ahead(problem: &CampaignProblem, begin: Vec<f64>, centre: &[f64]) -> Vec<f64> {
+    let groups = &problem.alike.groups;
+    if groups.len() < MANY {
+        return begin;
+    }
+    let some: Vec<usize> = groups.iter().step_by(ONE_IN).flatten().copied().collect();
+    let readings: Vec<&Reading> = some.iter().map(|&index| problem.readings[index]).collect();
+    let whiteners: Vec<Whitener> = (some.iter())
+        .map(|&index| problem.whiteners[index].clone())
+        .collect();
+    let CampaignProblem {
+        model, free, held, ..
+    } = *problem;
+    let part = CampaignProblem::new(model, &readings, &whiteners, free, held);
+    let found = solve::solve(&part, &begin, centre, |_, _| {});
+    if found.converged { found.p } else { begin }
 }
 
 /// A model and readings as a least-squares problem over the free parameters.

@@ -1,31 +1,17 @@
-//! A scan of one joint: the score of a pair of waves over cycles per turn.
+//! A joint in a search: the score of a pair of waves at each frequency, beside what was found so far.
 
+use super::grid::{Grid, Moments, distinct, take_out};
 use crate::fit::triangle::triangle;
 use nalgebra::allocator::Allocator;
 use nalgebra::{
     DMatrix, DMatrixView, DVector, DefaultAllocator, Dim, Dyn, Matrix, OMatrix, RawStorage,
 };
-use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
-use std::ops::Range;
 
-/// Cycles a turn that `transmission_error` takes care of; waves begin one period over a joint's range above.
-const SLOWEST: f64 = 2.0;
-/// Cycles a turn up to which waves are looked for: two an input turn of a gear of ratio 160.
-const FASTEST: f64 = 320.0;
-/// Steps of the scan a period over the joint's range: a peak loses 3 % of its height at most between two.
-pub const STEPS: f64 = 4.0;
-/// Different angles that a joint must have been at.
-const ANGLES: usize = 10;
-/// Typical amplitude, rad.
-pub const TYPICAL: f64 = 3e-5;
-/// Pairs whose weaker direction has less than this (σ for a typical amplitude) are not counted.
-const FAINT: f64 = 0.05;
-/// Frequencies in one product of matrices.
-const BATCH: usize = 64;
-
-/// Products of one joint's motion summed over postures with the same angle of it, and the frequencies to try.
-pub struct Lane {
+/// Products of one joint's motion summed over postures with the same angle of it.
+pub struct Lane<'a> {
+    /// Frequencies.
+    pub grid: &'a Grid,
     /// Different angles, rad.
     angles: Vec<f64>,
     /// Place of each posture's angle among them.
@@ -36,14 +22,6 @@ pub struct Lane {
     basis: DMatrix<f64>,
     /// Products of motion and residual.
     residual: DVector<f64>,
-    /// Period over the range, cycles a turn.
-    pub period: f64,
-    /// Least frequency.
-    first: f64,
-    /// From one frequency to the next, cycles a turn.
-    pub step: f64,
-    /// Number of frequencies.
-    count: usize,
     /// By frequency.
     pub moments: Vec<Moments>,
     /// Directions of the basis that the moments know of.
@@ -52,84 +30,49 @@ pub struct Lane {
     pub trials: f64,
 }
 
-/// Products of a pair's columns with each other and with the residual, the basis partialled out.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Moments {
-    ss: f64,
-    sc: f64,
-    cc: f64,
-    sr: f64,
-    cr: f64,
-}
-
-impl Moments {
-    /// Score of the pair over the noise variance, zero if one of its directions is faint.
-    pub fn chi2(&self, variance: f64) -> f64 {
-        let mean = 0.5 * (self.ss + self.cc);
-        // sizes near one: no need of the slower `hypot`
-        let spread = (0.25 * (self.ss - self.cc).powi(2) + self.sc.powi(2)).sqrt();
-        let weaker = mean - spread;
-        if weaker * TYPICAL.powi(2) <= FAINT.powi(2) * variance {
-            return 0.0;
-        }
-        let determinant = (mean + spread) * weaker;
-        let squares = self.cc * self.sr.powi(2) - 2.0 * self.sc * self.sr * self.cr
-            + self.ss * self.cr.powi(2);
-        squares / determinant / variance
-    }
-}
-
-impl Lane {
+impl<'a> Lane<'a> {
     /// From the joint's angles (rad), its squared motion, and its products with the basis and with the residual, all by
-    /// postures; none with too few angles.
+    /// postures, and the moments beside the base model; none with too few angles.
     pub fn new(
+        grid: &'a Grid,
+        moments: Vec<Moments>,
         of_postures: &[f64],
         squares: &DVector<f64>,
         basis: &DMatrix<f64>,
         residual: &DVector<f64>,
     ) -> Option<Self> {
-        let mut angles = of_postures.to_vec();
-        angles.sort_by(f64::total_cmp);
-        angles.dedup();
-        if angles.len() < ANGLES {
-            return None;
-        }
+        let angles = distinct(of_postures)?;
         let of = |own: &f64| angles.partition_point(|angle| angle < own);
         let place: Vec<usize> = of_postures.iter().map(of).collect();
         let mut weight = vec![0.0; angles.len()];
         for (&place, square) in place.iter().zip(squares) {
             weight[place] += square;
         }
-        let period = TAU / (angles[angles.len() - 1] - angles[0]);
-        let (first, step) = (SLOWEST + period, period / STEPS);
-        let mut lane = Self {
-            weight,
-            basis: DMatrix::zeros(0, 0),
-            residual: DVector::zeros(0),
-            count: ((FASTEST - first) / step).max(0.0) as usize,
-            angles,
-            place,
-            period,
-            first,
-            step,
-            moments: Vec::new(),
-            done: 0,
-            trials: 0.0,
-        };
-        lane.basis = compact(lane.by_angle(basis));
-        lane.residual = lane.by_angle(residual);
-        let all: f64 = lane.weight.iter().sum();
-        if all <= 0.0 || lane.count == 0 {
+        let all: f64 = weight.iter().sum();
+        if all <= 0.0 {
             return None;
         }
         let mean = |of: &dyn Fn(f64) -> f64| {
-            let terms = lane.angles.iter().zip(&lane.weight);
+            let terms = angles.iter().zip(&weight);
             terms.map(|(&q, w)| w * of(q)).sum::<f64>() / all
         };
         let centre = mean(&|q| q);
         let variance = mean(&|q| (q - centre).powi(2));
-        lane.trials = lane.count as f64 * lane.step * (4.0 * PI * variance).sqrt() / TAU;
-        lane.update();
+        let trials = grid.count as f64 * grid.step * (4.0 * PI * variance).sqrt() / TAU;
+        let mut lane = Self {
+            grid,
+            angles,
+            place,
+            weight,
+            basis: DMatrix::zeros(0, 0),
+            residual: DVector::zeros(0),
+            moments,
+            done: 0,
+            trials,
+        };
+        lane.basis = compact(lane.by_angle(basis));
+        lane.done = lane.basis.ncols();
+        lane.residual = lane.by_angle(residual);
         Some(lane)
     }
 
@@ -158,73 +101,22 @@ impl Lane {
         self.residual = self.by_angle(residual);
     }
 
-    /// Cycles a turn of a place.
-    pub fn frequency(&self, place: usize) -> f64 {
-        self.first + self.step * place as f64
-    }
-
     /// Takes the directions that are new out of all moments, and the residual's products anew.
     pub fn update(&mut self) {
-        let batches: Vec<Range<usize>> = (0..self.count)
-            .step_by(BATCH)
-            .map(|begin| begin..(begin + BATCH).min(self.count))
-            .collect();
-        let lane = &*self;
-        let directions = self
-            .basis
-            .columns(self.done, self.basis.ncols() - self.done);
-        let directions = directions.into_owned();
-        let moments: Vec<Vec<Moments>> = batches
-            .into_par_iter()
-            .map(|batch| lane.batch(batch, &directions))
-            .collect();
-        self.moments = moments.concat();
+        let count = self.basis.ncols() - self.done;
+        let directions = self.basis.columns(self.done, count).into_owned();
+        let parts = self.grid.batches(&self.angles, |batch, sin, cos| {
+            let mut moments = self.moments[batch].to_vec();
+            let (along_s, along_c) = (sin * &directions, cos * &directions);
+            take_out(&mut moments, along_s.as_view(), along_c.as_view());
+            let (sr, cr) = (sin * &self.residual, cos * &self.residual);
+            for (i, m) in moments.iter_mut().enumerate() {
+                (m.sr, m.cr) = (sr[i], cr[i]);
+            }
+            moments
+        });
+        self.moments = parts.concat();
         self.done = self.basis.ncols();
-    }
-
-    fn batch(&self, batch: Range<usize>, directions: &DMatrix<f64>) -> Vec<Moments> {
-        let mut sin = DMatrix::zeros(batch.len(), self.angles.len());
-        let mut cos = sin.clone();
-        for (k, &q) in self.angles.iter().enumerate() {
-            // the next frequency by turning the last: exact to rounding over a batch
-            let (mut s, mut c) = (self.frequency(batch.start) * q).sin_cos();
-            let (turn_s, turn_c) = (self.step * q).sin_cos();
-            for i in 0..batch.len() {
-                sin[(i, k)] = s;
-                cos[(i, k)] = c;
-                (s, c) = (s * turn_c + c * turn_s, c * turn_c - s * turn_s);
-            }
-        }
-        let (along_s, along_c) = (&sin * directions, &cos * directions);
-        let (sr, cr) = (&sin * &self.residual, &cos * &self.residual);
-        let fresh = self.moments.is_empty();
-        let mut found: Vec<Moments> = if fresh {
-            vec![Moments::default(); batch.len()]
-        } else {
-            self.moments[batch].to_vec()
-        };
-        if fresh {
-            for (k, &weight) in self.weight.iter().enumerate() {
-                for (i, m) in found.iter_mut().enumerate() {
-                    let (s, c) = (sin[(i, k)], cos[(i, k)]);
-                    m.ss += weight * s * s;
-                    m.sc += weight * s * c;
-                    m.cc += weight * c * c;
-                }
-            }
-        }
-        for k in 0..directions.ncols() {
-            for (i, m) in found.iter_mut().enumerate() {
-                let (s, c) = (along_s[(i, k)], along_c[(i, k)]);
-                m.ss -= s * s;
-                m.sc -= s * c;
-                m.cc -= c * c;
-            }
-        }
-        for (i, m) in found.iter_mut().enumerate() {
-            (m.sr, m.cr) = (sr[i], cr[i]);
-        }
-        found
     }
 
     /// The moments at any number of cycles.

@@ -9,6 +9,7 @@
 //! `z = -ln p`, at most `p (1 + W √z)`, where `W = ΔN √(4π var q) / 2π` is the number of independent frequencies.
 //! Source: Baluev 2008, *Assessing the statistical significance of periodogram peaks*, MNRAS 385, 1279.
 
+mod grid;
 mod lane;
 mod search;
 mod sums;
@@ -21,6 +22,7 @@ use crate::effects::find;
 use crate::fit::noise::Source;
 use crate::fit::{Fit, solve};
 use crate::model::Model;
+use grid::Grid;
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 use search::{Peak, Search};
@@ -121,7 +123,11 @@ pub fn scan(
 ) -> Option<Found> {
     let sums = Sums::new(fit, &of(&fit.model), readings, motions, blocks, base);
     let own_noise = fit.noise.source == Source::Residual;
-    let begin = |folds: &[usize]| Search::new(&sums, folds, *against, own_noise);
+    let grids: Vec<Option<Grid>> = (0..sums.joints.len())
+        .into_par_iter()
+        .map(|joint| Grid::new(&sums, joint, folds::FOLDS))
+        .collect();
+    let begin = |folds: &[usize]| Search::new(&sums, &grids, folds, *against, own_noise);
     let all: Vec<usize> = (0..folds::FOLDS).collect();
     let mut search = begin(&all);
     search.grow(alarm, MOST);
@@ -180,8 +186,8 @@ fn predicting(errors: &[Vec<f64>], most: usize) -> usize {
 /// Squared errors of the tested fold with none, one, … all of the waves fitted to the kept ones.
 fn predicted(sums: &Sums, waves: &[Peak], kept: &[usize], tested: usize) -> Vec<f64> {
     let waves: Vec<(usize, f64)> = waves.iter().map(|w| (w.joint, w.cycles)).collect();
-    let kept = sums.normal(kept, &waves, lane::TYPICAL);
-    let tested = sums.normal(&[tested], &waves, lane::TYPICAL);
+    let kept = sums.normal(kept, &waves, grid::TYPICAL);
+    let tested = sums.normal(&[tested], &waves, grid::TYPICAL);
     let base = kept.nrows() - 1 - 2 * waves.len();
     let counts: Vec<usize> = (0..=waves.len()).map(|k| base + 2 * k).collect();
     let priors = vec![solve::WEAK; kept.nrows() - 1];

@@ -1,6 +1,7 @@
 //! A search for waves on some of the poses: the best is taken up, and the scan goes on without what it explains.
 
-use super::lane::{Lane, Moments, STEPS, append};
+use super::grid::{Grid, Moments, STEPS};
+use super::lane::{Lane, append};
 use super::sums::{Column, Sums};
 use crate::diagnosis::score::Against;
 use crate::fit::solve;
@@ -53,7 +54,7 @@ pub struct Search<'a> {
     left_by_base: f64,
     products: Vec<Products>,
     /// By joints; none with too few angles.
-    lanes: Vec<Option<Lane>>,
+    lanes: Vec<Option<Lane<'a>>>,
     /// Is the noise what is left over?
     own_noise: bool,
     against: Against,
@@ -65,7 +66,13 @@ pub struct Search<'a> {
 
 impl<'a> Search<'a> {
     /// Nothing found yet.
-    pub fn new(sums: &'a Sums, folds: &[usize], against: Against, own_noise: bool) -> Self {
+    pub fn new(
+        sums: &'a Sums,
+        grids: &'a [Option<Grid>],
+        folds: &[usize],
+        against: Against,
+        own_noise: bool,
+    ) -> Self {
         let postures = sums.postures(folds);
         let (rows, gram) = sums.base(folds);
         let base = gram.nrows() - 1;
@@ -97,8 +104,12 @@ impl<'a> Search<'a> {
             postures,
         };
         search.settle_noise();
-        let lanes = (0..sums.joints.len()).into_par_iter();
-        search.lanes = lanes.map(|joint| search.lane(joint)).collect();
+        let lane = |(joint, grid): (usize, &'a Option<Grid>)| {
+            let grid = grid.as_ref()?;
+            let moments = grid.moments(folds, &root, along.as_slice());
+            search.lane(joint, grid, moments)
+        };
+        search.lanes = grids.par_iter().enumerate().map(lane).collect();
         search.trials = search.lanes.iter().flatten().map(|lane| lane.trials).sum();
         search
     }
@@ -114,28 +125,26 @@ impl<'a> Search<'a> {
         }
     }
 
-    fn lane(&self, joint: usize) -> Option<Lane> {
+    fn lane(&self, joint: usize, grid: &'a Grid, moments: Vec<Moments>) -> Option<Lane<'a>> {
         let postures = self.postures.iter();
         let angles = postures.map(|&p| self.sums.joints[joint].angles[p]);
         let cross = self.sums.cross(joint, joint).select_rows(&self.postures);
         let own = &self.products[joint];
-        Lane::new(
-            &angles.collect::<Vec<_>>(),
-            &cross,
-            &own.basis,
-            &own.residual,
-        )
+        let angles: Vec<f64> = angles.collect();
+        Lane::new(grid, moments, &angles, &cross, &own.basis, &own.residual)
     }
 
     /// By joint: the height of the pair that stands highest over its frequencies, and its place.
     fn heights(&self) -> Vec<Option<(f64, usize)>> {
         let variance = self.against.variance;
-        let of = |(joint, lane): (usize, &Option<Lane>)| {
+        let of = |(joint, lane): (usize, &Option<Lane<'_>>)| {
             let lane = lane.as_ref()?;
             let mut best: Option<(f64, usize)> = None;
             for (place, moments) in lane.moments.iter().enumerate() {
                 let chi2 = moments.chi2(variance);
-                if best.is_none_or(|b| chi2 > b.0) && self.is_free(joint, lane.frequency(place)) {
+                if best.is_none_or(|b| chi2 > b.0)
+                    && self.is_free(joint, lane.grid.frequency(place))
+                {
                     best = Some((chi2, place));
                 }
             }
@@ -158,8 +167,8 @@ impl<'a> Search<'a> {
         }
         let (_, joint, place) = best?;
         let lane = self.lanes[joint].as_ref()?;
-        let middle = lane.frequency(place);
-        let (cycles, chi2) = highest(middle - lane.step, middle + lane.step, |cycles| {
+        let middle = lane.grid.frequency(place);
+        let (cycles, chi2) = highest(middle - lane.grid.step, middle + lane.grid.step, |cycles| {
             lane.at(cycles).chi2(variance)
         });
         let pair = self.against.p_value(chi2, 2.0);
@@ -182,11 +191,11 @@ impl<'a> Search<'a> {
         let known = self.sums.joints[joint].known.iter().copied();
         here.map(|peak| peak.cycles)
             .chain(known)
-            .all(|other| (other - cycles).abs() >= APART * lane.period)
+            .all(|other| (other - cycles).abs() >= APART * lane.grid.period)
     }
 
     /// Other frequencies of the joint at which the readings are explained as well.
-    fn rivals(&self, lane: &Lane, cycles: f64, chi2: f64) -> Vec<f64> {
+    fn rivals(&self, lane: &Lane<'_>, cycles: f64, chi2: f64) -> Vec<f64> {
         let variance = self.against.variance;
         let chi2_of = |moments: &Moments| moments.chi2(variance);
         let heights: Vec<f64> = lane.moments.iter().map(chi2_of).collect();
@@ -194,10 +203,10 @@ impl<'a> Search<'a> {
             let near = &heights[place.saturating_sub(1)..(place + 2).min(heights.len())];
             heights[place] > chi2 - 2.0 * NEAR
                 && near.iter().all(|&other| other <= heights[place])
-                && (lane.frequency(place) - cycles).abs() >= lane.period
+                && (lane.grid.frequency(place) - cycles).abs() >= lane.grid.period
         };
         let peaks = (0..heights.len()).filter(is_peak);
-        peaks.map(|place| lane.frequency(place)).collect()
+        peaks.map(|place| lane.grid.frequency(place)).collect()
     }
 
     /// Leaves the first waves alone.
@@ -365,7 +374,9 @@ impl<'a> Search<'a> {
 
     /// Period over a joint's range, cycles a turn.
     fn period(&self, joint: usize) -> f64 {
-        self.lanes[joint].as_ref().map_or(0.0, |lane| lane.period)
+        self.lanes[joint]
+            .as_ref()
+            .map_or(0.0, |lane| lane.grid.period)
     }
 
     /// Refines all cycles together; amplitudes (rad) and one standard deviation of the cycles.

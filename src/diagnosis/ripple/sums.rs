@@ -160,11 +160,7 @@ impl Sums {
 
     /// Rows of these folds, and the products of the base model's columns and the residual with each other over them.
     pub fn base(&self, folds: &[usize]) -> (usize, DMatrix<f64>) {
-        let size = self.grams[0].nrows();
-        let mut gram = DMatrix::zeros(size, size);
-        for &fold in folds {
-            gram += &self.grams[fold];
-        }
+        let gram = folds::sum(folds.iter().map(|&fold| &self.grams[fold]));
         (folds.iter().map(|&fold| self.rows[fold]).sum(), gram)
     }
 
