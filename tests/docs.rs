@@ -27,7 +27,12 @@ const COSTLY: [(&str, &str); 6] = [
 /// Commands that another target of the Makefile runs: which one, in which file, by which words.
 const ELSEWHERE: [(&str, &str, &str, &str); 1] = [
     // needs a program that is built apart
-    ("misfit replay ", "viewer", ".ci/viewer", "\"$misfit\" replay"),
+    (
+        "misfit replay ",
+        "viewer",
+        ".ci/viewer",
+        "\"$misfit\" replay",
+    ),
 ];
 
 /// Words by which lines of a shell begin that install or find something: nothing of this project is in them.
@@ -134,7 +139,9 @@ fn steps(page: &str) -> Vec<Step> {
                     command: command.to_owned(),
                     shown: Vec::new(),
                 });
-            } else if let (true, Some(Step::Type { shown, .. })) = (inside, all.last_mut()) {
+            } else if let (true, Some(Step::Type { shown, .. })) =
+                (inside && block.info != "sh", all.last_mut())
+            {
                 shown.push(line.trim_end().to_owned());
             }
         }
@@ -170,7 +177,15 @@ fn shown_lines_are_looked_for_in_order_and_one_below_the_other() {
         let shown: Vec<String> = shown.lines().map(str::to_owned).collect();
         compare(&shown, printed).is_ok()
     };
-    for shown in ["", "a", "a\nb", "b\n\nc\nd", "a\n  …\nc", "…\nd\n", "a\nb\n\n…\nd"] {
+    for shown in [
+        "",
+        "a",
+        "a\nb",
+        "b\n\nc\nd",
+        "a\n  …\nc",
+        "…\nd\n",
+        "a\nb\n\n…\nd",
+    ] {
         assert!(ok(shown), "{shown:?}");
     }
     for shown in ["e", "a\nc", "c\n…\na", "a\n…\na", "b\nc", " a"] {
@@ -221,7 +236,14 @@ fn folder() -> TempDir {
     }
     // what is measured on a real robot, and what `make bags` writes
     let given = ["../shared/data/ur10_tracker", "target/bags"];
-    for file in ["series_C.toml", "series_C.csv", "ur10.urdf", "foxglove.mcap", "import.toml", "three.urdf"] {
+    for file in [
+        "series_C.toml",
+        "series_C.csv",
+        "ur10.urdf",
+        "foxglove.mcap",
+        "import.toml",
+        "three.urdf",
+    ] {
         let found = given.iter().map(|from| root().join(from).join(file));
         if let Some(path) = found.into_iter().find(|path| path.exists()) {
             symlink(path.canonicalize().unwrap(), folder.path().join(file)).unwrap();
@@ -232,12 +254,16 @@ fn folder() -> TempDir {
 
 /// A command, typed in a shell that finds the program; `MISFIT` names another than this build's.
 fn typed(folder: &Path, command: &str) -> Output {
-    let program = std::env::var_os("MISFIT").map_or(env!("CARGO_BIN_EXE_misfit").into(), PathBuf::from);
+    let program =
+        std::env::var_os("MISFIT").map_or(env!("CARGO_BIN_EXE_misfit").into(), PathBuf::from);
     let path = std::env::var("PATH").unwrap();
     Command::new("sh")
         .args(["-c", command])
         .current_dir(folder)
-        .env("PATH", format!("{}:{path}", program.parent().unwrap().display()))
+        .env(
+            "PATH",
+            format!("{}:{path}", program.parent().unwrap().display()),
+        )
         .env("HOME", folder)
         .env_remove("RUST_BACKTRACE")
         .output()
@@ -271,7 +297,11 @@ fn follow(page: &str, with_costly: bool) -> usize {
                 }
                 continue;
             }
-            Step::Type { line, command, shown } => (line, command, shown),
+            Step::Type {
+                line,
+                command,
+                shown,
+            } => (line, command, shown),
         };
         let of_others = OF_OTHERS.iter().any(|word| command.starts_with(word));
         if command == "echo $?" || command.starts_with("make ") || of_others {
@@ -284,15 +314,26 @@ fn follow(page: &str, with_costly: bool) -> usize {
         let output = typed(at, command);
         run += 1;
         let code = match steps.get(k + 1) {
-            Some(Step::Type { command, shown, .. }) if command == "echo $?" => shown[0].parse().unwrap(),
+            Some(Step::Type { command, shown, .. }) if command == "echo $?" => {
+                shown[0].parse().unwrap()
+            }
             _ => 0,
         };
-        let out = String::from_utf8(output.stdout).unwrap() + &String::from_utf8(output.stderr).unwrap();
+        let out =
+            String::from_utf8(output.stdout).unwrap() + &String::from_utf8(output.stderr).unwrap();
         let ended = output.status.code();
         if ended != Some(code) {
-            writeln!(wrong, "{page}:{line}: {command}\nended with {ended:?}, not {code}:\n{out}").unwrap();
+            writeln!(
+                wrong,
+                "{page}:{line}: {command}\nended with {ended:?}, not {code}:\n{out}"
+            )
+            .unwrap();
         } else if let Err(missing) = compare(shown, &out) {
-            writeln!(wrong, "{page}:{line}: {command}\ndoes not print\n{missing}\nbut\n{out}").unwrap();
+            writeln!(
+                wrong,
+                "{page}:{line}: {command}\ndoes not print\n{missing}\nbut\n{out}"
+            )
+            .unwrap();
         }
     }
     assert!(wrong.is_empty(), "{wrong}");
@@ -314,7 +355,10 @@ fn commands_of_the_readme_do_what_it_says() {
 #[test]
 #[ignore = "minutes, and needs the bags of `make bags`: `make figures` runs it"]
 fn costly_commands_do_what_the_documents_say() {
-    assert!(root().join("target/bags/foxglove.mcap").exists(), "make bags");
+    assert!(
+        root().join("target/bags/foxglove.mcap").exists(),
+        "make bags"
+    );
     for page in std::iter::once("README.md".to_owned()).chain(guide()) {
         follow(&page, true);
     }
@@ -323,51 +367,102 @@ fn costly_commands_do_what_the_documents_say() {
 #[test]
 fn what_is_not_run_here_is_run_by_a_target() {
     let makefile = text("Makefile");
-    let tested = makefile.lines().find(|line| line.starts_with("test:")).unwrap();
+    let tested = makefile
+        .lines()
+        .find(|line| line.starts_with("test:"))
+        .unwrap();
     let tested: BTreeSet<&str> = tested.split_whitespace().skip(1).collect();
-    assert!(tested.contains("figures"), "`make test` compares no costly figures");
+    assert!(
+        tested.contains("figures"),
+        "`make test` compares no costly figures"
+    );
     assert!(makefile.contains("docs::costly_commands_do_what_the_documents_say"));
     for (_, target, file, words) in ELSEWHERE {
         assert!(tested.contains(target), "`make test` does not {target}");
-        assert!(makefile.contains(file) && text(file).contains(words), "{file}: {words}");
+        assert!(
+            makefile.contains(file) && text(file).contains(words),
+            "{file}: {words}"
+        );
     }
     // every exception is one: some page has it
     let all: Vec<(String, String)> = pages()
         .into_iter()
         .flat_map(|page| {
-            let commands = steps(&text(&page)).into_iter().filter_map(|step| match step {
-                Step::Type { command, .. } => Some(command),
-                Step::Write { .. } => None,
-            });
-            commands.map(|command| (page.clone(), command)).collect::<Vec<_>>()
+            let commands = steps(&text(&page))
+                .into_iter()
+                .filter_map(|step| match step {
+                    Step::Type { command, .. } => Some(command),
+                    Step::Write { .. } => None,
+                });
+            commands
+                .map(|command| (page.clone(), command))
+                .collect::<Vec<_>>()
         })
         .collect();
     for (page, words) in COSTLY {
-        let used = all.iter().any(|(of, command)| of.ends_with(page) && command.starts_with(words));
+        let used = all
+            .iter()
+            .any(|(of, command)| of.ends_with(page) && command.starts_with(words));
         assert!(used, "no page has `{words}`");
     }
     for (words, ..) in ELSEWHERE {
-        assert!(all.iter().any(|(_, command)| command.starts_with(words)), "no page has `{words}`");
+        assert!(
+            all.iter().any(|(_, command)| command.starts_with(words)),
+            "no page has `{words}`"
+        );
     }
     // and whatever a page has make do is a target
     for (page, command) in &all {
-        for target in command.split('#').next().unwrap().split_whitespace().skip(1) {
-            let known = makefile.lines().any(|line| line.starts_with(&format!("{target}:")));
-            assert!(known || !command.starts_with("make "), "{page}: make {target}");
+        for target in command
+            .split('#')
+            .next()
+            .unwrap()
+            .split_whitespace()
+            .skip(1)
+        {
+            let known = makefile
+                .lines()
+                .any(|line| line.starts_with(&format!("{target}:")));
+            assert!(
+                known || !command.starts_with("make "),
+                "{page}: make {target}"
+            );
         }
     }
 }
 
-/// What stands between single backticks in the text of a page, outside its blocks.
-fn spans(page: &str) -> Vec<(usize, &str)> {
-    let mut all = Vec::new();
+#[test]
+fn the_number_of_effects_is_that_of_the_catalogue() {
+    // all but that which is a law of the user's own
+    let count = misfit::effects::CATALOGUE.len() - 1;
+    assert!(text("README.md").contains(&format!("one of {count} effects")));
+    assert!(text("docs/guide/01-install.md").contains(&format!("{count} physical effects")));
+}
+
+/// What stands between single backticks in the text of a page, outside its blocks; the line where its paragraph begins.
+fn spans(page: &str) -> Vec<(usize, String)> {
+    let mut paragraphs: Vec<(usize, String)> = Vec::new();
     let mut open = false;
+    let mut inside = false;
     for (index, line) in page.lines().enumerate() {
         if line.starts_with("```") {
             open = !open;
-        } else if !open {
-            all.extend(line.split('`').skip(1).step_by(2).map(|span| (index + 1, span)));
         }
+        // a row of a table is a paragraph of its own
+        let text = !open && !line.starts_with("```") && !line.trim().is_empty();
+        if text && inside && !line.starts_with('|') {
+            let last = &mut paragraphs.last_mut().unwrap().1;
+            last.push(' ');
+            last.push_str(line.trim_start());
+        } else if text {
+            paragraphs.push((index + 1, line.to_owned()));
+        }
+        inside = text;
+    }
+    let mut all = Vec::new();
+    for (line, paragraph) in &paragraphs {
+        let parts = paragraph.split('`').skip(1).step_by(2);
+        all.extend(parts.map(|span| (*line, span.to_owned())));
     }
     all
 }
@@ -381,14 +476,19 @@ fn commands_named_in_the_text_are_spelt_right() {
     for page in pages() {
         let page_text = text(&page);
         for (line, span) in spans(&page_text) {
-            let of_program = span.starts_with("misfit ") && !span.contains(['…', '<', '>', '|', '&', ';']);
+            let of_program =
+                span.starts_with("misfit ") && !span.contains(['…', '<', '>', '|', '&', ';']);
             if !of_program {
                 continue;
             }
             seen += 1;
-            let said = String::from_utf8(typed(folder.path(), span).stderr).unwrap();
+            let said = String::from_utf8(typed(folder.path(), &span).stderr).unwrap();
             // a command that is only named lacks what it needs; a misspelt one is not known
-            for word in ["unexpected argument", "unrecognized subcommand", "invalid value"] {
+            for word in [
+                "unexpected argument",
+                "unrecognized subcommand",
+                "invalid value",
+            ] {
                 if said.contains(word) {
                     writeln!(wrong, "{page}:{line}: `{span}`: {said}").unwrap();
                 }
@@ -414,7 +514,11 @@ fn links_lead_somewhere() {
             let path = folder.join(file);
             assert!(path.exists(), "{page} links to {target}");
             if !section.is_empty() {
-                let there = if file.is_empty() { page_text.clone() } else { fs::read_to_string(path).unwrap() };
+                let there = if file.is_empty() {
+                    page_text.clone()
+                } else {
+                    fs::read_to_string(path).unwrap()
+                };
                 let mut heads = there.lines().filter(|line| line.starts_with('#'));
                 let known = heads.any(|head| anchor(head) == section);
                 assert!(known, "{page} links to {target}: no such heading");
@@ -428,7 +532,9 @@ fn links_lead_somewhere() {
 /// The anchor that a heading has on the usual sites.
 fn anchor(heading: &str) -> String {
     let words = heading.trim_start_matches('#').trim().to_lowercase();
-    let kept = words.chars().filter(|c| c.is_alphanumeric() || " -_".contains(*c));
+    let kept = words
+        .chars()
+        .filter(|c| c.is_alphanumeric() || " -_".contains(*c));
     kept.map(|c| if c == ' ' { '-' } else { c }).collect()
 }
 
@@ -450,17 +556,28 @@ fn the_guide_links_its_chapters_in_order() {
     for pair in chapters.windows(2) {
         let page = text(&format!("docs/guide/{}", pair[0]));
         let last = page.trim_end().lines().last().unwrap();
-        assert!(last.contains(&format!("]({})", pair[1])), "{} does not end with the next", pair[0]);
+        assert!(
+            last.contains(&format!("]({})", pair[1])),
+            "{} does not end with the next",
+            pair[0]
+        );
     }
     assert!(text("README.md").contains("](docs/guide/README.md)"));
 }
 
 #[test]
 fn pages_are_no_wider_than_the_sources() {
-    for page in guide() {
+    for page in guide()
+        .into_iter()
+        .chain(["docs/add-an-effect.md".to_owned()])
+    {
         for (index, line) in text(&page).lines().enumerate() {
             let width = line.chars().count();
-            assert!(width <= 120 || line.starts_with('|'), "{page}:{}: {width} columns", index + 1);
+            assert!(
+                width <= 120 || line.starts_with('|'),
+                "{page}:{}: {width} columns",
+                index + 1
+            );
         }
     }
 }
@@ -477,21 +594,37 @@ fn an_effect_is_added_as_its_page_says() {
     let [file] = files[..] else {
         panic!("one file, not {files:?}");
     };
-    assert!(!root().join(file).exists(), "{file} is in the catalogue: take another example");
+    assert!(
+        !root().join(file).exists(),
+        "{file} is in the catalogue: take another example"
+    );
     let change = blocks.iter().find(|block| block.info == "diff").unwrap();
     let catalogue = text("src/effects/mod.rs");
     let catalogue: Vec<&str> = catalogue.lines().collect();
     let mut added = 0;
-    for hunk in change.lines[2..].split(|line| line.starts_with("@@")).skip(1) {
-        assert!(hunk.iter().all(|line| line.starts_with([' ', '+'])), "{hunk:?}");
+    for hunk in change.lines[2..]
+        .split(|line| line.starts_with("@@"))
+        .skip(1)
+    {
+        assert!(
+            hunk.iter().all(|line| line.starts_with([' ', '+'])),
+            "{hunk:?}"
+        );
         added += hunk.iter().filter(|line| line.starts_with('+')).count();
-        let before: Vec<&str> = hunk.iter().filter_map(|line| line.strip_prefix(' ')).collect();
-        let places = catalogue.windows(before.len()).filter(|lines| *lines == before);
+        let before: Vec<&str> = hunk
+            .iter()
+            .filter_map(|line| line.strip_prefix(' '))
+            .collect();
+        let places = catalogue
+            .windows(before.len())
+            .filter(|lines| *lines == before);
         assert_eq!(places.count(), 1, "src/effects/mod.rs has not {before:#?}");
     }
     assert_eq!(added, 2, "one file and two lines");
     let makefile = text("Makefile");
-    assert!(makefile.contains("sh .ci/effect") && text(".ci/effect").contains("docs/add-an-effect.md"));
+    assert!(
+        makefile.contains("sh .ci/effect") && text(".ci/effect").contains("docs/add-an-effect.md")
+    );
     assert!(text(".ci/effect").contains(file));
 }
 
@@ -500,7 +633,9 @@ fn rows<'a>(page: &'a str, heading: &str) -> Vec<Vec<&'a str>> {
     let (_, rest) = page.split_once(&format!("\n## {heading}\n")).unwrap();
     let section = rest.split("\n## ").next().unwrap();
     let table = section.lines().filter(|line| line.starts_with('|')).skip(2);
-    table.map(|line| line.trim_matches('|').split(" | ").map(str::trim).collect()).collect()
+    table
+        .map(|line| line.trim_matches('|').split(" | ").map(str::trim).collect())
+        .collect()
 }
 
 fn ticked(cell: &str) -> Vec<&str> {
@@ -520,11 +655,18 @@ fn files_of_the_code_map_are_there() {
                 if !of_file || name.contains('<') {
                     continue;
                 }
-                let found = places.iter().map(|place| place.join(name)).find(|path| path.exists());
+                let found = places
+                    .iter()
+                    .map(|place| place.join(name))
+                    .find(|path| path.exists());
                 let Some(found) = found else {
                     panic!("ARCHITECTURE.md names {name}: there is no such file");
                 };
-                let own = if found.is_dir() { found.as_path() } else { found.parent().unwrap() };
+                let own = if found.is_dir() {
+                    found.as_path()
+                } else {
+                    found.parent().unwrap()
+                };
                 places.push(own.to_owned());
                 places.push(own.join("src"));
                 seen.insert(found);
@@ -537,7 +679,10 @@ fn files_of_the_code_map_are_there() {
         let entry = entry.unwrap();
         let name = entry.file_name().into_string().unwrap();
         let own = ["lib.rs", "main.rs"].contains(&name.as_str());
-        assert!(own || map.contains(&name), "ARCHITECTURE.md does not name src/{name}");
+        assert!(
+            own || map.contains(&name),
+            "ARCHITECTURE.md does not name src/{name}"
+        );
     }
     assert!(seen.len() > 70, "{}", seen.len());
 }
@@ -611,7 +756,10 @@ fn tests_of_the_invariants_are_there() {
 
 /// Is a licence expression met by these licences? AND binds closer than OR, as in SPDX; `/` is an old way to write OR.
 fn allowed(expression: &str, accepted: &dyn Fn(&str) -> bool) -> bool {
-    let spaced = expression.replace('/', " OR ").replace('(', " ( ").replace(')', " ) ");
+    let spaced = expression
+        .replace('/', " OR ")
+        .replace('(', " ( ")
+        .replace(')', " ) ");
     let words: Vec<&str> = spaced.split_whitespace().collect();
     fn any<'a>(words: &mut &[&'a str], accepted: &dyn Fn(&str) -> bool) -> bool {
         let mut met = all(words, accepted);
@@ -654,10 +802,22 @@ fn allowed(expression: &str, accepted: &dyn Fn(&str) -> bool) -> bool {
 #[test]
 fn licence_expressions_are_read_as_spdx_does() {
     let mit = |name: &str| name == "MIT";
-    for met in ["MIT", "MIT OR GPL-3.0", "GPL-3.0/MIT", "(MIT OR X) AND MIT", "X AND Y OR MIT"] {
+    for met in [
+        "MIT",
+        "MIT OR GPL-3.0",
+        "GPL-3.0/MIT",
+        "(MIT OR X) AND MIT",
+        "X AND Y OR MIT",
+    ] {
         assert!(allowed(met, &mit), "{met}");
     }
-    for unmet in ["GPL-3.0", "MIT AND X", "(MIT OR X) AND Y", "MIT WITH Z", "X OR Y AND MIT"] {
+    for unmet in [
+        "GPL-3.0",
+        "MIT AND X",
+        "(MIT OR X) AND Y",
+        "MIT WITH Z",
+        "X OR Y AND MIT",
+    ] {
         assert!(!allowed(unmet, &mit), "{unmet}");
     }
 }
@@ -668,38 +828,60 @@ fn licences_of_all_packages_are_allowed() {
     let rules: toml::Table = text("deny.toml").parse().unwrap();
     let names = |list: &toml::Value| -> BTreeSet<String> {
         let names = list.as_array().unwrap().iter();
-        names.map(|name| name.as_str().unwrap().to_owned()).collect()
+        names
+            .map(|name| name.as_str().unwrap().to_owned())
+            .collect()
     };
     let allow = names(&rules["licenses"]["allow"]);
     let exceptions = rules["licenses"]["exceptions"].as_array().unwrap();
 
     let rustc = Command::new("rustc").arg("-vV").output().unwrap().stdout;
     let rustc = String::from_utf8(rustc).unwrap();
-    let host = rustc.lines().find_map(|line| line.strip_prefix("host: ")).unwrap();
+    let host = rustc
+        .lines()
+        .find_map(|line| line.strip_prefix("host: "))
+        .unwrap();
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--format-version", "1", "--locked", "--offline"])
         .args(["--filter-platform", host])
         .current_dir(root())
         .output()
         .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let metadata: Value = serde_json::from_slice(&output.stdout).unwrap();
     let packages = metadata["packages"].as_array().unwrap();
-    assert!(packages.len() > 300, "{}: are those of replay/ in it?", packages.len());
+    assert!(
+        packages.len() > 300,
+        "{}: are those of replay/ in it?",
+        packages.len()
+    );
     for package in packages {
         let name = package["name"].as_str().unwrap();
         let licence = package["license"].as_str();
         let licence = licence.unwrap_or_else(|| panic!("{name} says no licence"));
-        let own = exceptions.iter().find(|row| row["crate"].as_str() == Some(name));
+        let own = exceptions
+            .iter()
+            .find(|row| row["crate"].as_str() == Some(name));
         let own = own.map(|row| names(&row["allow"])).unwrap_or_default();
         let accepted = |licence: &str| allow.contains(licence) || own.contains(licence);
-        assert!(allowed(licence, &accepted), "{name}: {licence} is not in deny.toml");
+        assert!(
+            allowed(licence, &accepted),
+            "{name}: {licence} is not in deny.toml"
+        );
         let source = package["source"].as_str();
-        let known = source.is_none_or(|from| from == "registry+https://github.com/rust-lang/crates.io-index");
+        let known = source
+            .is_none_or(|from| from == "registry+https://github.com/rust-lang/crates.io-index");
         assert!(known, "{name} is from {source:?}");
     }
     for member in ["misfit", "misfit-replay"] {
-        let package = packages.iter().find(|package| package["name"] == member).unwrap();
+        let package = packages
+            .iter()
+            .find(|package| package["name"] == member)
+            .unwrap();
         assert_eq!(package["license"], "MIT", "{member}");
     }
     assert!(text("LICENSE").starts_with("MIT License\n"));
