@@ -439,6 +439,38 @@ fn the_number_of_effects_is_that_of_the_catalogue() {
     assert!(text("docs/guide/01-install.md").contains(&format!("{count} physical effects")));
 }
 
+/// What the last chapter repeats of the README's figures.
+#[test]
+fn figures_of_the_limits_are_those_of_the_readme() {
+    let flat = |page: &str| text(page).split_whitespace().collect::<Vec<_>>().join(" ");
+    let (limits, readme) = (flat("docs/guide/11-limits.md"), flat("README.md"));
+    for figure in [
+        "29 ms",
+        "1.6 s",
+        "0.20 s",
+        "1.1 s of one core",
+        "22 s",
+        "588",
+        "3.2 %",
+        "26.7 %",
+        "71.1 %",
+        "95.6",
+        "302 of 353",
+        "31 of 780",
+        "320 cycles a turn",
+        "below λ 300",
+    ] {
+        assert!(
+            readme.contains(figure),
+            "the README says no longer: {figure}"
+        );
+        assert!(
+            limits.contains(figure),
+            "the guide says no longer: {figure}"
+        );
+    }
+}
+
 /// What stands between single backticks in the text of a page, outside its blocks; the line where its paragraph begins.
 fn spans(page: &str) -> Vec<(usize, String)> {
     let mut paragraphs: Vec<(usize, String)> = Vec::new();
