@@ -48,7 +48,7 @@ figures: bags
 	MISFIT=$(CURDIR)/$(MISFIT) cargo test --locked --test all \
 		docs::costly_commands_do_what_the_documents_say -- --ignored
 
-# the effect of docs/add-an-effect.md put into a copy of the sources: it must keep the contract; five minutes
+# the effect of docs/add-an-effect.md put into a copy of the sources: it must keep the contract; some minutes
 effect: setup
 	sh .ci/effect
 
