@@ -47,6 +47,9 @@ pub enum TableError {
     },
 }
 
+/// Most effects of a model or a truth: each is compared with each.
+pub const MOST_EFFECTS: usize = 1000;
+
 /// An effect as chosen, with what is said about its parameters.
 #[derive(Debug, Clone)]
 pub struct Choice {
@@ -191,11 +194,20 @@ impl Choice {
     }
 }
 
-/// Refuses the same effect twice.
+/// Refuses the same effect twice, and more than [`MOST_EFFECTS`].
 ///
 /// # Errors
-/// If one is.
+/// If one is, or there are more.
 pub fn unique(file: &str, choices: &[Choice]) -> Result<(), TableError> {
+    if choices.len() > MOST_EFFECTS {
+        return Err(TableError::Form {
+            file: file.to_owned(),
+            message: format!(
+                "found {} effects; accepted: at most {MOST_EFFECTS}",
+                choices.len()
+            ),
+        });
+    }
     for (index, choice) in choices.iter().enumerate() {
         let id = choice.effect.id();
         if choices[..index].iter().any(|other| other.effect.id() == id) {
