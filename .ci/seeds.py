@@ -100,15 +100,18 @@ def main(folder):
         (place["urdf"] / path.name).write_bytes(path.read_bytes())
     for path in Path("models").rglob("*_dh.toml"):
         (place["dh"] / path.name).write_bytes(path.read_bytes())
+    for path in Path("src/effects").glob("*.rs"):
+        (place["model"] / f"{path.stem}.toml").write_text(f'[[effect]]\nkind = "{path.stem}"\nhold = true\n')
     formulas = set()
     for path in [*Path("scenarios").rglob("*.toml"), *Path("tests").glob("*.rs")]:
         text = path.read_text()
         if path.suffix == ".toml":
             (place["scenario"] / path.name).write_text(text)
-            effects = re.split(r"\n(?=\[\[(?:truth|effect)\]\])", text)[1:]
-            effects = [one.replace("[[truth]]", "[[effect]]").split("\n[", 2) for one in effects]
+            effects = re.findall(r"^\[\[(?:truth|effect)\]\]\n(?:[^\[\n].*\n)*", text, re.M)
             for number, one in enumerate(effects):
-                (place["model"] / f"{path.stem}.{number}.toml").write_text("[".join(one[:2]) if one[0] == "" else one[0])
+                # presets and random draws are for truths alone
+                one = re.sub(r"(?m)^(preset|random|exponent) .*\n", "", one.replace("[[truth]]", "[[effect]]"))
+                (place["model"] / f"{path.stem}.{number}.toml").write_text(one)
         formulas.update(re.findall(r'law *= *\\?"([^"\\]+)', text))
         if path.name == "formula.rs":
             formulas.update(re.findall(r'"([^"\\]{3,60})"', text))

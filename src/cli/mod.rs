@@ -115,7 +115,8 @@ pub fn main() -> ExitCode {
             }
             Err(error) => {
                 use std::io::Write;
-                let _ = writeln!(std::io::stderr(), "misfit: {}", message(&error));
+                let message = message(&error);
+                let _ = writeln!(std::io::stderr(), "misfit: {}", terminal::tame(&message));
                 ExitCode::FAILURE
             }
         },
