@@ -68,9 +68,7 @@ pub(crate) fn open(path: &Path, limit: u64) -> Result<File, InputError> {
 /// Reads a regular file of at most `limit` bytes. The limit holds while reading too: a file may grow.
 pub(crate) fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, InputError> {
     let mut bytes = Vec::new();
-    open(path, limit)?
-        .take(limit + 1)
-        .read_to_end(&mut bytes)?;
+    open(path, limit)?.take(limit + 1).read_to_end(&mut bytes)?;
     match bytes.len() as u64 <= limit {
         true => Ok(bytes),
         false => Err(too_large(limit)),
@@ -141,12 +139,22 @@ pub(crate) fn toml_message(error: &toml::de::Error, text: &str) -> String {
     }
     let place = error.span().and_then(|span| {
         let before = text.get(..span.start)?;
-        let (line, column) = (before.matches('\n').count() + 1, before.rsplit('\n').next()?);
-        Some(format!("line {line}, column {}: ", column.chars().count() + 1))
+        let (line, column) = (
+            before.matches('\n').count() + 1,
+            before.rsplit('\n').next()?,
+        );
+        Some(format!(
+            "line {line}, column {}: ",
+            column.chars().count() + 1
+        ))
     });
     let message = error.message();
     let short: String = message.chars().take(LONGEST).collect();
-    let more = if short.len() < message.len() { "…" } else { "" };
+    let more = if short.len() < message.len() {
+        "…"
+    } else {
+        ""
+    };
     format!("{}{short}{more}", place.unwrap_or_default())
 }
 
@@ -225,7 +233,10 @@ mod tests {
             format!("[{key}a]\n{key}a = {{ {key}a = 1 }}"),
             format!("x = {}", "[".repeat(65)),
         ] {
-            assert!(toml_depth(&deep).unwrap_err().contains("at most 64 levels"), "{deep}");
+            assert!(
+                toml_depth(&deep).unwrap_err().contains("at most 64 levels"),
+                "{deep}"
+            );
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Which effects a model holds: the default, a list of names, or a model file.
 
 use crate::campaign::{Campaign, Frame, write_atomically};
-use crate::effects::table::{Choice, TableError, unique};
+use crate::effects::table::{Choice, TableError, check_count, unique};
 use crate::effects::{AnyEffect, CATALOGUE};
 use crate::input::{self, InputError, LARGEST_TOML};
 use crate::model::Model;
@@ -238,6 +238,7 @@ pub fn read(path: &Path, campaign: &Campaign) -> Result<Vec<Choice>, ModelError>
             robot_file: campaign.robot_file.name.clone(),
         });
     }
+    check_count(&file, document.effect.len())?;
     let tables = document.effect.into_iter().enumerate();
     let choices = tables
         .map(|(index, table)| {

@@ -42,7 +42,11 @@ pub(super) fn parse(context: &Context<'_>, input: impl Read) -> Result<Table, Ca
     };
     let mut input = BufReader::new(input.take(LARGEST_TABLE + 1));
     const MARK: &[u8] = b"\xef\xbb\xbf";
-    if input.fill_buf().map_err(|e| unread(e.into()))?.starts_with(MARK) {
+    if input
+        .fill_buf()
+        .map_err(|e| unread(e.into()))?
+        .starts_with(MARK)
+    {
         input.consume(MARK.len());
     }
     let lines = RefCell::new(Lines::default());
@@ -65,7 +69,9 @@ pub(super) fn parse(context: &Context<'_>, input: impl Read) -> Result<Table, Ca
                 file: context.file.into(),
                 line: lines.borrow().passed + 1,
                 found: "a row longer than 1 MB".into(),
-                accepted: "rows of at most 1 MB; a quote that is not closed goes on over the lines below".into(),
+                accepted:
+                    "rows of at most 1 MB; a quote that is not closed goes on over the lines below"
+                        .into(),
             });
         }
         if lines.borrow().read > LARGEST_TABLE {

@@ -194,20 +194,25 @@ impl Choice {
     }
 }
 
-/// Refuses the same effect twice, and more than [`MOST_EFFECTS`].
+/// Refuses more tables of effects than [`MOST_EFFECTS`].
 ///
 /// # Errors
-/// If one is, or there are more.
-pub fn unique(file: &str, choices: &[Choice]) -> Result<(), TableError> {
-    if choices.len() > MOST_EFFECTS {
-        return Err(TableError::Form {
-            file: file.to_owned(),
-            message: format!(
-                "found {} effects; accepted: at most {MOST_EFFECTS}",
-                choices.len()
-            ),
-        });
+/// If there are.
+pub fn check_count(file: &str, tables: usize) -> Result<(), TableError> {
+    if tables <= MOST_EFFECTS {
+        return Ok(());
     }
+    Err(TableError::Form {
+        file: file.to_owned(),
+        message: format!("found {tables} effects; accepted: at most {MOST_EFFECTS}"),
+    })
+}
+
+/// Refuses the same effect twice.
+///
+/// # Errors
+/// If one is.
+pub fn unique(file: &str, choices: &[Choice]) -> Result<(), TableError> {
     for (index, choice) in choices.iter().enumerate() {
         let id = choice.effect.id();
         if choices[..index].iter().any(|other| other.effect.id() == id) {

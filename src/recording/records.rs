@@ -2,7 +2,7 @@
 
 use super::error::RecordingError;
 use crate::input;
-use mcap::records::Record;
+use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::io::Read;
 use std::path::Path;
@@ -30,7 +30,10 @@ pub(super) fn each_record(
         source,
     };
     let mut input = input::open(path, limit).map_err(unread)?;
-    let size = input.metadata().map_err(|error| unread(error.into()))?.len();
+    let size = input
+        .metadata()
+        .map_err(|error| unread(error.into()))?
+        .len();
     let most = size.saturating_mul(TIMES_ITS_SIZE).clamp(UNPACKED, limit);
     let mut unpacked = 0;
     let options = LinearReaderOptions::default()
@@ -53,14 +56,100 @@ pub(super) fn each_record(
                 if unpacked > most {
                     return Err(RecordingError::TooLarge {
                         file: file.clone(),
-                        limit: format!("{} of records, {TIMES_ITS_SIZE} times its size", input::size(most)),
+                        limit: format!(
+                            "{} of records, {TIMES_ITS_SIZE} times its size",
+                            input::size(most)
+                        ),
                     });
                 }
-                take(mcap::parse_record(opcode, data).map_err(|error| damaged(file, &error))?)?;
+                match fits(opcode, data) {
+                    None => {}
+                    Some(true) => take(
+                        mcap::parse_record(opcode, data).map_err(|error| damaged(file, &error))?,
+                    )?,
+                    Some(false) => {
+                        return Err(RecordingError::Damaged {
+                            file: file.clone(),
+                            problem: format!("a record of type {opcode} claims more than it holds"),
+                        });
+                    }
+                }
             }
         }
     }
     Ok(())
+}
+
+/// Do the lengths that stand in a record fit into it? `None` for types of records that nothing here needs.
+///
+/// Asked before the library parses it, which takes memory for a length before it looks whether that is there, and does not
+/// expect an attachment shorter than its checksum.
+fn fits(opcode: u8, data: &[u8]) -> Option<bool> {
+    let mut rest = Some(data);
+    match opcode {
+        op::SCHEMA => {
+            skip(&mut rest, 2);
+            parts(&mut rest, 3);
+        }
+        op::CHANNEL => {
+            skip(&mut rest, 4);
+            parts(&mut rest, 2);
+            map(&mut rest);
+        }
+        op::MESSAGE => skip(&mut rest, 22),
+        op::ATTACHMENT => {
+            skip(&mut rest, 16);
+            parts(&mut rest, 2);
+            let length = rest.and_then(|rest| rest.first_chunk().copied());
+            skip(&mut rest, 8);
+            let length = length.map(u64::from_le_bytes);
+            skip(
+                &mut rest,
+                length
+                    .and_then(|n| usize::try_from(n).ok())
+                    .unwrap_or(usize::MAX),
+            );
+            skip(&mut rest, 4);
+        }
+        op::METADATA => {
+            parts(&mut rest, 1);
+            map(&mut rest);
+        }
+        _ => return None,
+    }
+    Some(rest.is_some())
+}
+
+/// Leaves so many bytes behind; `None` if there are fewer.
+fn skip(rest: &mut Option<&[u8]>, bytes: usize) {
+    *rest = rest.and_then(|rest| rest.get(bytes..));
+}
+
+/// A text or list behind its length.
+fn part<'a>(rest: &mut Option<&'a [u8]>) -> Option<&'a [u8]> {
+    let length = rest.and_then(|rest| rest.first_chunk().copied());
+    skip(rest, 4);
+    let length = length.map(u32::from_le_bytes)? as usize;
+    let found = rest.and_then(|rest| rest.get(..length));
+    skip(rest, length);
+    found
+}
+
+fn parts(rest: &mut Option<&[u8]>, count: usize) {
+    for _ in 0..count {
+        part(rest);
+    }
+}
+
+/// A list of pairs of texts.
+fn map(rest: &mut Option<&[u8]>) {
+    let mut pairs = part(rest);
+    while pairs.is_some_and(|pairs| !pairs.is_empty()) {
+        parts(&mut pairs, 2);
+    }
+    if pairs.is_none() {
+        *rest = None;
+    }
 }
 
 /// A file whose records do not hold together.

@@ -8,7 +8,7 @@ use super::expect::Expect;
 use super::workspace::Workspace;
 use super::{Job, Scenario, ScenarioError, Truth, presets};
 use crate::campaign::{Document, Noise, RobotFile};
-use crate::effects::table::{Choice, TableError, unique};
+use crate::effects::table::{Choice, TableError, check_count, unique};
 use crate::input::{self, LARGEST_TOML, MOST_READINGS};
 use crate::plan::space::{Space, generator};
 use crate::robot::{Robot, RobotError};
@@ -328,8 +328,7 @@ fn public(all: &toml::Table) -> Result<String, toml::ser::Error> {
 
 /// A TOML error in a user's words.
 fn plain(error: &toml::de::Error) -> String {
-    input::toml_message(error, "")
-        .replace("expected usize", "expected a whole number, 0 or more")
+    input::toml_message(error, "").replace("expected usize", "expected a whole number, 0 or more")
 }
 
 /// A campaign that says "no noise at all" would be believed; one of a perfect plant says nothing.
@@ -438,6 +437,7 @@ pub(super) fn truths(
         file: file.to_owned(),
         message,
     };
+    check_count(file, tables.len())?;
     let mut random = generator(seed, stream::TRUTH);
     let mut choices = Vec::new();
     let mut truths = Vec::new();
