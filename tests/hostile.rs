@@ -587,6 +587,37 @@ fn records_that_claim_more_than_they_hold_are_refused() {
     }
 }
 
+#[test]
+fn a_record_longer_than_its_chunk_is_refused() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join("x.mcap");
+    // a chunk that is not packed, of one message on no channel; its size is told right
+    let message = |claimed: u64| [&[5][..], &claimed.to_le_bytes(), &[0; 22]].concat();
+    let chunk = |claimed: u64, size: u64| {
+        let body = message(claimed);
+        [&[0; 28][..], &[0; 4], &size.to_le_bytes(), &body].concat()
+    };
+    let size = message(22).len() as u64;
+    records(&path, &[(6, chunk(22, size))]);
+    says(
+        &read_bag(&path, |_| true).unwrap_err(),
+        &["unknown channel"],
+    );
+    for claimed in [23, 1 << 20, u64::MAX, u64::MAX - 8] {
+        records(&path, &[(6, chunk(claimed, size)), (5, vec![0; 4000])]);
+        let part = "longer than the chunk that it stands in";
+        says(&read_recording(&path).unwrap_err(), &["x.mcap", part]);
+        says(&read_bag(&path, |_| true).unwrap_err(), &["x.mcap", part]);
+    }
+    for size in [size + 1, u64::MAX] {
+        records(&path, &[(6, chunk(22, size))]);
+        says(
+            &read_bag(&path, |_| true).unwrap_err(),
+            &["a chunk is longer than its record"],
+        );
+    }
+}
+
 // ---- files that are none
 
 #[cfg(unix)]

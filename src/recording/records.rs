@@ -1,10 +1,11 @@
 //! The records of an MCAP file, one after the other, each of them checked.
 
 use super::error::RecordingError;
+use super::framing::Framing;
 use crate::input;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use std::io::Read;
+use std::io::{self, Read};
 use std::path::Path;
 
 /// Largest single record, bytes; ours are thousands of times smaller.
@@ -29,13 +30,18 @@ pub(super) fn each_record(
         file: file.clone(),
         source,
     };
-    let mut input = input::open(path, limit).map_err(unread)?;
+    let input = input::open(path, limit).map_err(unread)?;
     let size = input
         .metadata()
         .map_err(|error| unread(error.into()))?
         .len();
     let most = size.saturating_mul(TIMES_ITS_SIZE).clamp(UNPACKED, limit);
+    let mut input = Framing::new(input);
     let mut unpacked = 0;
+    let broken = |problem| RecordingError::Damaged {
+        file: file.clone(),
+        problem,
+    };
     let options = LinearReaderOptions::default()
         .with_validate_chunk_crcs(true)
         .with_validate_data_section_crc(true)
@@ -48,7 +54,10 @@ pub(super) fn each_record(
             LinearReadEvent::ReadRequest(wanted) => {
                 // Piece by piece: a damaged length must not cost memory.
                 let room = reader.insert(wanted.clamp(1, 1 << 20));
-                let read = input.read(room).map_err(|error| unread(error.into()))?;
+                let read = input.read(room).map_err(|error| match error.kind() {
+                    io::ErrorKind::InvalidData => broken(error.to_string()),
+                    _ => unread(error.into()),
+                })?;
                 reader.notify_read(read);
             }
             LinearReadEvent::Record { data, opcode } => {
@@ -68,10 +77,9 @@ pub(super) fn each_record(
                         mcap::parse_record(opcode, data).map_err(|error| damaged(file, &error))?,
                     )?,
                     Some(false) => {
-                        return Err(RecordingError::Damaged {
-                            file: file.clone(),
-                            problem: format!("a record of type {opcode} claims more than it holds"),
-                        });
+                        let problem =
+                            format!("a record of type {opcode} claims more than it holds");
+                        return Err(broken(problem));
                     }
                 }
             }
