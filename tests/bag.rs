@@ -1023,3 +1023,25 @@ fn stamps_that_are_years_off_cost_no_time() {
         import.dwells
     );
 }
+
+#[test]
+fn positions_beyond_numbers_do_not_keep_the_clock_busy() {
+    let recorded = Cell {
+        postures: 4,
+        ..Cell::default()
+    }
+    .record(42);
+    let spec = Spec::load(&recorded.spec("")).unwrap();
+    for size in [1e200, -1e308] {
+        let mut bag = read_bag(&recorded.path, |topic| spec.wants(&topic.topic)).unwrap();
+        let Some(Samples::Poses(all)) = bag.samples.get_mut("/tracker") else {
+            panic!("no poses");
+        };
+        let middle = all.len() / 2;
+        all[middle].1.x = size;
+        let import = bag::import(&bag, &spec).unwrap();
+        // one sample says nothing of the clock, and the others still do
+        let offset = import.clocks[0].offset_s;
+        assert!(offset.abs() < CLOCK, "{:?}", import.clocks);
+    }
+}

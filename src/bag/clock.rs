@@ -387,10 +387,11 @@ fn centred(mut values: Vec<f64>) -> Vec<f64> {
     values
 }
 
-/// Length of the measured chord about a time.
+/// Length of the measured chord about a time; none where it is beyond numbers.
 fn seen(measured: &Series<Vector3<f64>>, time: f64, chord: f64) -> Option<f64> {
     let (from, to) = (time - chord / 2.0, time + chord / 2.0);
-    Some((measured.at(to)? - measured.at(from)?).norm())
+    let length = (measured.at(to)? - measured.at(from)?).norm();
+    length.is_finite().then_some(length)
 }
 
 /// Times of the stream with the chords it saw: all, or every so many.
@@ -482,6 +483,10 @@ impl LeastSquares<'_> {
                 for j in 0..5 {
                     normal[(i, j)] /= sizes[i] * sizes[j];
                 }
+            }
+            // the decomposition of what is no number does not end
+            if !normal.iter().chain(&right).all(|x| x.is_finite()) {
+                return;
             }
             // of the normal matrix: the square
             let Ok(step) = normal.svd(true, true).solve(&right, SEEN * SEEN) else {
