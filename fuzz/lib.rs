@@ -44,5 +44,9 @@ impl Folder {
 pub fn refused(error: &dyn std::error::Error) {
     let message = error.to_string();
     assert!(!message.trim().is_empty(), "an empty message");
-    assert!(message.len() < 20_000, "a message of {} bytes", message.len());
+    assert!(
+        message.len() < 20_000,
+        "a message of {} bytes",
+        message.len()
+    );
 }

@@ -9,7 +9,10 @@ use std::sync::LazyLock;
 
 const SPEC: &str = "robot = \"three.urdf\"\n[[target]]\nname = \"ball\"\nlink = \"tip\"\ntracker = \"/tracker/point\"\n";
 static CELL: LazyLock<(Folder, Spec)> = LazyLock::new(|| {
-    let folder = Folder::with(&[("three.urdf", THREE.as_bytes()), ("import.toml", SPEC.as_bytes())]);
+    let folder = Folder::with(&[
+        ("three.urdf", THREE.as_bytes()),
+        ("import.toml", SPEC.as_bytes()),
+    ]);
     let spec = Spec::load(&folder.path("import.toml")).unwrap();
     (folder, spec)
 });

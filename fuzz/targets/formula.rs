@@ -9,7 +9,9 @@ fuzz_target!(|text: &str| {
     match Formula::parse(text) {
         Err(error) => refused(&error),
         Ok(formula) => {
-            let values: Vec<f64> = (0..formula.names.len()).map(|k| 0.3 + 0.7 * k as f64).collect();
+            let values: Vec<f64> = (0..formula.names.len())
+                .map(|k| 0.3 + 0.7 * k as f64)
+                .collect();
             let (one, other) = (formula.evaluate(&values), formula.value(&values));
             assert_eq!(one.is_nan(), other.is_nan(), "{one} and {other}");
         }

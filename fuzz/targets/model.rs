@@ -8,7 +8,10 @@ use misfit_fuzz::{Folder, refused};
 use std::sync::LazyLock;
 
 static CELL: LazyLock<(Folder, Campaign)> = LazyLock::new(|| {
-    let folder = Folder::with(&[("hidden.mcap", include_bytes!("../../recordings/hidden.mcap"))]);
+    let folder = Folder::with(&[(
+        "hidden.mcap",
+        include_bytes!("../../recordings/hidden.mcap"),
+    )]);
     let campaign = Campaign::load(&folder.path("hidden.mcap")).unwrap();
     (folder, campaign)
 });

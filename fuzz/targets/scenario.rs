@@ -11,9 +11,18 @@ static FOLDER: LazyLock<Folder> = LazyLock::new(|| {
     Folder::with(&[
         ("models/sda5f/sda5f.urdf", SDA5F.as_bytes()),
         ("models/six_axis/six_axis.urdf", SIX_AXIS),
-        ("scenarios/hidden.toml", include_bytes!("../../scenarios/hidden.toml")),
-        ("scenarios/hose_model.toml", include_bytes!("../../scenarios/hose_model.toml")),
-        ("scenarios/rich.toml", include_bytes!("../../scenarios/blind/rich.toml")),
+        (
+            "scenarios/hidden.toml",
+            include_bytes!("../../scenarios/hidden.toml"),
+        ),
+        (
+            "scenarios/hose_model.toml",
+            include_bytes!("../../scenarios/hose_model.toml"),
+        ),
+        (
+            "scenarios/rich.toml",
+            include_bytes!("../../scenarios/blind/rich.toml"),
+        ),
     ])
 });
 

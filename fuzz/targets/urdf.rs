@@ -10,7 +10,11 @@ fuzz_target!(|text: &str| {
         Err(error) => refused(&error),
         Ok(robot) => {
             let poses = robot.body_poses(&vec![0.5; robot.joints.len()]);
-            assert!(poses.iter().all(|pose| pose.to_homogeneous().iter().all(|x| x.is_finite())));
+            assert!(
+                poses
+                    .iter()
+                    .all(|pose| pose.to_homogeneous().iter().all(|x| x.is_finite()))
+            );
         }
     }
 });
