@@ -200,7 +200,8 @@ pub(crate) fn toml_depth(text: &str) -> Result<(), String> {
         }
         if header + total + key + dots > DEEPEST_TOML {
             return Err(format!(
-                "line {line}: found tables and lists more than {DEEPEST_TOML} deep; accepted: at most {DEEPEST_TOML} levels"
+                "line {line}: found tables and lists more than {DEEPEST_TOML} deep; accepted: at most \
+                 {DEEPEST_TOML} levels"
             ));
         }
     }

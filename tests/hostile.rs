@@ -1,5 +1,5 @@
-//! Input that fights back: what is too large, too deep, endless, or leads elsewhere is refused with one clear message, soon
-//! and without much memory. The limits, with the tests that hold them, stand in `docs/faults.md`.
+//! Input that fights back: what is too large, too deep, endless, or leads elsewhere is refused with one clear message,
+//! soon and without much memory. The limits, with the tests that hold them, stand in `docs/faults.md`.
 
 use crate::campaign::{DH_TABLE, TWO_ARMS, assert_same};
 use crate::cli::{misfit, refused};
@@ -27,11 +27,13 @@ const CAMPAIGN: &str = "robot = \"arm.urdf\"\ntable = \"t.csv\"\n[[target]]\nnam
     [frames]\nbase_from_tracker = \"estimate\"\n[noise]\nposition_m = 1e-5\n[split]\nfraction = 0.3\nseed = 1\n";
 const TABLE: &str = "torso_rad,slide_m,wrist_deg,x_m,y_m,z_mm,payload_kg\n0,0.1,0,1,2,30,1\n0.5,0.2,0,1.1,2,40,\n\
     1.0,0.3,10,1.2,2.1,30,2\n-0.5,0.4,0,1.3,2.2,50,1\n-1.0,0.9,0,1.4,2,60,0\n0.3,0.6,-10,0.9,2.3,30,1\n";
-const MODEL: &str = "[[effect]]\nkind = \"joint_offset\"\nhold = [\"torso\"]\n[[effect]]\nkind = \"gear_ripple\"\ncycles = [1, 2]\n\
+const MODEL: &str = "[[effect]]\nkind = \"joint_offset\"\nhold = [\"torso\"]\n\
+    [[effect]]\nkind = \"gear_ripple\"\ncycles = [1, 2]\n\
     [[effect]]\nkind = \"expression\"\nname = \"pull\"\nacts_on = \"q1\"\nlaw = \"a*sin(q1) + a*tau1\"\n\
     parameters = { a = { unit = \"rad\", typical = 1e-4 } }\n";
 const SCENARIO: &str = "robot = \"arm.urdf\"\nseed = 3\n[[target]]\nname = \"left\"\nlink = \"left_flange\"\n[noise]\n\
-    position_m = 1e-5\n[design]\nposes = 3\nloads = [{ mass_kg = 1.0 }]\n[[truth]]\nkind = \"joint_offset\"\nrandom = 1.0\n\
+    position_m = 1e-5\n[design]\nposes = 3\nloads = [{ mass_kg = 1.0 }]\n[[truth]]\n\
+    kind = \"joint_offset\"\nrandom = 1.0\n\
     [expect]\nconverged = true\n";
 
 /// A folder with a small campaign, a scenario and a model.
@@ -1001,7 +1003,8 @@ proptest! {
             Some(0 | 3) => prop_assert!(!output.stdout.is_empty()),
             Some(1) => {
                 prop_assert!(output.stdout.is_empty(), "{}", message);
-                prop_assert!(message.starts_with("misfit: ") && message.matches("misfit: ").count() == 1, "{}", message);
+                prop_assert!(message.starts_with("misfit: "), "{}", message);
+                prop_assert_eq!(message.matches("misfit: ").count(), 1, "{}", message);
             }
             other => prop_assert!(false, "{:?}: {}", other, message),
         }
