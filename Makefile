@@ -5,8 +5,10 @@
 MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights map drill
 BLIND     = rich noise outliers form alias
+# of fuzzing, each target
+SECONDS  ?= 60
 
-.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench
+.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench fuzz
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
@@ -92,3 +94,7 @@ readers: build
 
 bench: setup
 	cargo bench --locked
+
+# hostile inputs, a target a parser (cargo-fuzz and a nightly toolchain): SECONDS=3600 make fuzz for an hour each
+fuzz: setup
+	sh .ci/fuzz $(SECONDS)

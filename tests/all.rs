@@ -20,6 +20,7 @@ mod fit;
 mod form;
 mod formula;
 mod golden;
+mod hostile;
 mod house;
 mod kinematics;
 mod map;
