@@ -6,7 +6,7 @@ MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights map drill
 BLIND     = rich noise outliers form alias
 
-.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench
+.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench peers
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
@@ -92,3 +92,9 @@ readers: build
 
 bench: setup
 	cargo bench --locked
+
+# beside FIGAROH, pybotics and SciPy on the same readings: writes docs/peers.md, fails where a claim of it does not hold
+peers: build
+	cargo build --release --locked --example peers
+	for name in figaroh pybotics scipy; do sh .ci/venv target/peers/$$name peers/$$name.txt || exit 1; done
+	python3 peers/run.py -o docs/peers.md
