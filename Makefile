@@ -6,7 +6,7 @@ MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights map drill
 BLIND     = rich noise outliers form alias
 
-.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench peers
+.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench peers growth
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
@@ -98,3 +98,8 @@ peers: build
 	cargo build --release --locked --example peers
 	for name in figaroh pybotics scipy; do sh .ci/venv target/peers/$$name peers/$$name.txt || exit 1; done
 	python3 peers/run.py -o docs/peers.md
+
+# how time grows with readings, parameters, joints and families: writes docs/speed.md
+growth: setup
+	cargo run --release --locked --example growth > target/speed.md
+	mv target/speed.md docs/speed.md

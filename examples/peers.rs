@@ -1,8 +1,11 @@
 //! One fit, timed, with what it predicts: misfit's side of `make peers`.
 //!
 //! `peers CAMPAIGN EFFECTS RUNS` prints JSON: seconds of each run, from readings in memory to parameters with their
-//! covariance, by the clock and of the processor; parameters; and the predicted position of every reading held out, in
-//! the table's order. Linux only: it asks /proc for the processor's time.
+//! covariance, by the clock; the mean of the processor's; parameters; and the predicted position of every reading held
+//! out, in the table's order. Linux only: it asks /proc for the processor's time.
+
+#[path = "../peers/processor.rs"]
+mod processor;
 
 use anyhow::{Context, ensure};
 use misfit::campaign::{Campaign, Split};
@@ -11,22 +14,6 @@ use misfit::model::Workspace;
 use misfit::model_file;
 use std::path::Path;
 use std::time::Instant;
-
-/// Of all threads of this process.
-fn processor_seconds() -> anyhow::Result<f64> {
-    let mut nanoseconds = 0.0;
-    for thread in
-        std::fs::read_dir("/proc/self/task").context("/proc/self/task, as Linux has it")?
-    {
-        let text = std::fs::read_to_string(thread?.path().join("schedstat"))?;
-        let word = text
-            .split_whitespace()
-            .next()
-            .context("an empty schedstat")?;
-        nanoseconds += word.parse::<f64>()?;
-    }
-    Ok(1e-9 * nanoseconds)
-}
 
 fn main() -> anyhow::Result<()> {
     let words: Vec<String> = std::env::args().skip(1).collect();
@@ -40,14 +27,16 @@ fn main() -> anyhow::Result<()> {
     let options = Options {
         cross_validate: false,
     };
-    let (mut seconds, mut processor) = (Vec::new(), Vec::new());
+    let mut seconds = Vec::new();
     let mut found = None;
+    let used = processor::seconds()?;
     for _ in 0..runs {
-        let (start, used) = (Instant::now(), processor_seconds()?);
+        let start = Instant::now();
         found = Some(fit(&campaign, &model, &options, |_| {})?);
         seconds.push(start.elapsed().as_secs_f64());
-        processor.push(processor_seconds()? - used);
     }
+    // of all runs together: the kernel counts a thread's time by the tick, 4 ms
+    let processor = (processor::seconds()? - used) / runs as f64;
     let found = found.context("a run")?;
     let mut workspace = Workspace::new(&model.setup);
     let heldout = campaign
@@ -73,7 +62,7 @@ fn main() -> anyhow::Result<()> {
         "{}",
         serde_json::json!({
             "seconds": seconds,
-            "processor_seconds": processor,
+            "processor_seconds": [processor],
             "parameters": found.values.len(),
             "fixed": found.rank,
             "converged": found.converged,

@@ -47,7 +47,7 @@ def call(command, threads, out=None):
 
 def misfit(effects, threads):
     def run(campaign, out):
-        call([RELEASE / "examples/peers", campaign, effects, "5"], threads, out)
+        call([RELEASE / "examples/peers", campaign, effects, "20"], threads, out)
     return run
 
 
