@@ -87,7 +87,9 @@ fn by_readings() -> anyhow::Result<()> {
             "| {readings} | {count} | {steps} | {} | {each} |",
             text(time)
         );
+        entries.push((readings, time));
     }
+    say_power("readings", &entries);
     Ok(())
 }
 
