@@ -6,7 +6,7 @@ MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights map drill
 BLIND     = rich noise outliers form alias
 
-.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench peers growth
+.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench peers growth instructions
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
@@ -103,3 +103,10 @@ peers: build
 growth: setup
 	cargo run --release --locked --example growth > target/speed.md
 	mv target/speed.md docs/speed.md
+
+# a count that other programs do not disturb: instructions of one start with one fit, equal to 1e-3 from run to run
+instructions: build
+	cargo build --release --locked --example peers
+	$(MISFIT) simulate peers/springs.toml --csv target/peers/springs >/dev/null
+	RAYON_NUM_THREADS=1 valgrind --tool=cachegrind --cache-sim=no --cachegrind-out-file=/dev/null \
+		target/release/examples/peers target/peers/springs/campaign.toml joint_compliance 1 >/dev/null

@@ -14,6 +14,7 @@ import re
 import statistics
 import subprocess
 import sys
+import textwrap
 import time
 import tomllib
 from pathlib import Path
@@ -195,7 +196,7 @@ def page(problems, command, runs, load):
     release = versions()
     tables = "\n\n".join(problem.table() for problem in problems)
     selection = [text(problem.entries[2].result["selection_seconds"][0]) for problem in problems[:2]]
-    return f"""# Beside other tools
+    paragraphs = f"""# Beside other tools
 
 Written by `make peers`, which fails where misfit is not {CLAIMS["FIGAROH"]} times as fast as FIGAROH and
 {CLAIMS["pybotics"]} times as fast as pybotics on the real UR10, or predicts the held-out readings of any campaign here
@@ -228,7 +229,10 @@ when others use the machine.
 Held-out error: each tool predicts the readings held out by its own forward model; one function takes the root mean
 square distance to what was measured. The same readings are fitted and held out everywhere: column `split` of
 `series_C.toml` (Fraunhofer IPA, UR10 and laser tracker), `heldout_poses` of `peers/springs.toml`.
-"""
+""".split("\n\n")
+    # numbers make lines longer and shorter; headings, tables and lists stay as they are
+    fitted = [textwrap.fill(part, 120) if part[:1] not in "#|-" else part.rstrip() for part in paragraphs]
+    return "\n\n".join(fitted) + "\n"
 
 
 def main():
