@@ -8,13 +8,17 @@ BLIND     = rich noise outliers form alias
 # of fuzzing, each target
 SECONDS  ?= 60
 
+<<<<<<< HEAD
 .PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages bags \
   picture-replay pictures recordings readers doc bench fuzz peers growth instructions
+=======
+.PHONY: run test setup build replay format lint unit examples scenarios figures effect deny blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench
+>>>>>>> issue6c
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
 
-test: setup format lint unit doc examples scenarios blind readers bags viewer pages
+test: setup format lint unit doc examples effect scenarios figures readers bags viewer pages
 	@echo "all tests, lints, examples, scenarios, blind cases, recordings and pages passed"
 
 # MuJoCo from Debian, or another copy through MUJOCO_DIR.
@@ -45,6 +49,15 @@ examples: setup
 
 scenarios: build
 	@set -e; for name in $(SCENARIOS); do $(MISFIT) run scenarios/$$name.toml; echo; done
+
+# what the README and the guide show of the commands that take long, compared with what they print: six minutes on two cores
+figures: bags
+	MISFIT=$(CURDIR)/$(MISFIT) cargo test --locked --test all \
+		docs::costly_commands_do_what_the_documents_say -- --ignored
+
+# the effect of docs/add-an-effect.md put into a copy of the sources: it must keep the contract of the catalogue
+effect: setup
+	sh .ci/effect
 
 # the diagnosis on cases whose truth it does not know: five minutes on two cores
 blind: build
@@ -92,6 +105,12 @@ recordings: build
 readers: build
 	sh .ci/venv
 	target/venv/bin/python .ci/readers.py recordings/*.mcap
+
+# licences and sources of all packages, offline. Known vulnerabilities need the network, for the database of advisories:
+# cargo deny --workspace check advisories
+deny:
+	@command -v cargo-deny >/dev/null || cargo install cargo-deny --locked
+	cargo deny --offline --workspace check licenses bans sources
 
 bench: setup
 	cargo bench --locked

@@ -9,6 +9,7 @@ mod common;
 mod compensation;
 mod control_loop;
 mod diagnosis;
+mod docs;
 mod drill;
 mod dual_quaternion;
 mod effects;
