@@ -8,12 +8,8 @@ BLIND     = rich noise outliers form alias
 # of fuzzing, each target
 SECONDS  ?= 60
 
-<<<<<<< HEAD
-.PHONY: run test setup build replay format lint unit examples scenarios blind blind-all viewer pages bags \
-  picture-replay pictures recordings readers doc bench fuzz peers growth instructions
-=======
-.PHONY: run test setup build replay format lint unit examples scenarios figures effect deny blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench
->>>>>>> issue6c
+.PHONY: run test setup build replay format lint unit examples scenarios figures effect deny blind blind-all viewer \
+  pages bags picture-replay pictures recordings readers doc bench fuzz peers growth instructions
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
