@@ -16,6 +16,7 @@ mod effects;
 mod equilibrium;
 mod export;
 mod expression;
+mod faults;
 mod filter;
 mod fit;
 mod form;
