@@ -5,8 +5,11 @@
 MISFIT    = target/release/misfit
 SCENARIOS = springs noise_free paper efficiency hidden hose compensate_exact compensate compensate_hidden ten_poses control_loop control_loop_weights map drill
 BLIND     = rich noise outliers form alias
+# of fuzzing, each target
+SECONDS  ?= 60
 
-.PHONY: run test setup build replay format lint unit examples scenarios figures effect deny blind blind-all viewer pages bags picture-replay pictures recordings readers doc bench
+.PHONY: run test setup build replay format lint unit examples scenarios figures effect deny blind blind-all viewer \
+  pages bags picture-replay pictures recordings readers doc bench fuzz peers growth instructions
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
@@ -107,3 +110,25 @@ deny:
 
 bench: setup
 	cargo bench --locked
+
+# hostile inputs, a target a parser (cargo-fuzz and a nightly toolchain): SECONDS=3600 make fuzz for an hour each
+fuzz: setup
+	sh .ci/fuzz $(SECONDS)
+
+# beside FIGAROH, pybotics and SciPy on the same readings: writes docs/peers.md, fails where a claim of it does not hold
+peers: build
+	cargo build --release --locked --example peers
+	for name in figaroh pybotics scipy; do sh .ci/venv target/peers/$$name peers/$$name.txt || exit 1; done
+	python3 peers/run.py -o docs/peers.md
+
+# how time grows with readings, parameters, joints and families: writes docs/speed.md
+growth: setup
+	cargo run --release --locked --example growth > target/speed.md
+	mv target/speed.md docs/speed.md
+
+# a count that other programs do not disturb: instructions of one start with one fit, equal to 1e-3 from run to run
+instructions: build
+	cargo build --release --locked --example peers
+	$(MISFIT) simulate peers/springs.toml --csv target/peers/springs >/dev/null
+	RAYON_NUM_THREADS=1 valgrind --tool=cachegrind --cache-sim=no --cachegrind-out-file=/dev/null \
+		target/release/examples/peers target/peers/springs/campaign.toml joint_compliance 1 >/dev/null

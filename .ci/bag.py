@@ -20,14 +20,7 @@ OFFSET = 3.9
 START = 1_700_000_000_000_000_000
 TYPES = get_typestore(Stores.ROS2_HUMBLE)
 
-URDF = """<robot name="three"><link name="base"/><link name="a"/><link name="b"/><link name="c"/><link name="tip"/>
-<joint name="j1" type="revolute"><parent link="base"/><child link="a"/><origin xyz="0 0 0.4"/><axis xyz="0 0 1"/>
-<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
-<joint name="j2" type="revolute"><parent link="a"/><child link="b"/><origin xyz="0 0 0.1"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
-<joint name="j3" type="revolute"><parent link="b"/><child link="c"/><origin xyz="0.6 0 0"/><axis xyz="0 1 0"/>
-<limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
-<joint name="mount" type="fixed"><parent link="c"/><child link="tip"/><origin xyz="0.5 0 0"/></joint></robot>"""
+URDF = Path(__file__).with_name("three.urdf").read_text()
 
 SPEC = """robot = "three.urdf"
 [[target]]

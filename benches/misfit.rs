@@ -1,7 +1,7 @@
 //! Speeds: `cargo bench`.
 //!
 //! fit_300x25: 300 readings of the UR10 geometry sized as FIGAROH's problem; fit_12000x45: 12,000 readings and the
-//! default model; statics: MuJoCo static readings of the 15-joint SDA5F; diagnose: all families on 240 readings with a
+//! default model; kinematics: forward and Jacobian of the 15-joint SDA5F; statics: MuJoCo static readings of the 15-joint SDA5F; diagnose: all families on 240 readings with a
 //! hidden effect and without; ladder: the 600 fitted readings of UR10 series C, left out unless
 //! ../shared/data/ur10_tracker/series_C.toml is there.
 
@@ -51,6 +51,42 @@ fn fits(c: &mut Criterion) {
             b.iter(|| fit(&campaign, &model, &OPTIONS, |_| {}).unwrap());
         });
     }
+    group.finish();
+}
+
+/// The unloaded arm with errors of its geometry: postures of both targets in turns.
+fn kinematics(c: &mut Criterion) {
+    let mut scenario = Scenario::load(Path::new("scenarios/springs.toml")).unwrap();
+    scenario.design.poses = 8;
+    let campaign = simulate::simulate(&scenario, || {}).unwrap();
+    let model = model_file::model(&campaign, Some("geometry"), None).unwrap();
+    let p = true_values(&scenario, &model);
+    let mut workspace = Workspace::new(&model.setup);
+    let mut jacobian = Rows::zeros(model.setup.robot.joints.len());
+    let readings = &campaign.readings;
+    let mut group = c.benchmark_group("kinematics of sda5f, both arms");
+    group.throughput(Throughput::Elements(readings.len() as u64));
+    group.bench_function("forward, nominal, all bodies", |b| {
+        b.iter(|| {
+            for reading in readings {
+                std::hint::black_box(campaign.robot.body_poses(&reading.joints));
+            }
+        });
+    });
+    group.bench_function("forward, with geometry, the target", |b| {
+        b.iter(|| {
+            for reading in readings {
+                std::hint::black_box(workspace.predict(&model, &p, reading));
+            }
+        });
+    });
+    group.bench_function("the same with the Jacobian of the joints", |b| {
+        b.iter(|| {
+            for reading in readings {
+                workspace.joint_jacobian(&model, &p, reading, &mut jacobian);
+            }
+        });
+    });
     group.finish();
 }
 
@@ -300,6 +336,7 @@ fn maps(c: &mut Criterion) {
 
 criterion_group!(
     benches,
+    kinematics,
     fits,
     model,
     statics,

@@ -232,7 +232,11 @@ fn value_of<'a>(steps: &mut impl Iterator<Item = &'a Step>, values: &[f64]) -> f
         Step::Number(number) => number,
         Step::Name(index) => values.get(index).copied().unwrap_or(f64::NAN),
         Step::Negate => -last(),
-        Step::Power(power) => last().powf(power),
+        Step::Power(power) => match last() {
+            // no root of what is below zero, infinite or not
+            x if x < 0.0 && power.fract() != 0.0 => f64::NAN,
+            x => x.powf(power),
+        },
         Step::Call(function) if function.arguments() == 1 => {
             let x = last();
             match function {
@@ -269,8 +273,8 @@ fn value_of<'a>(steps: &mut impl Iterator<Item = &'a Step>, values: &[f64]) -> f
                 }
                 Step::Call(Function::Min) => left.min(right),
                 Step::Call(Function::Max) => left.max(right),
-                // only bases above zero have powers that vary
-                _ if left > 0.0 => left.powf(right),
+                // only bases above zero have powers that vary, and 1 to the power of infinity has no value
+                _ if left > 0.0 && (left != 1.0 || right.is_finite()) => left.powf(right),
                 _ => f64::NAN,
             }
         }
@@ -295,7 +299,13 @@ fn to_constant<S: Scalar>(x: S, power: f64) -> S {
     if x == S::zero() && power > 1.0 {
         return x * S::zero();
     }
-    (x.ln() * constant(power)).exp()
+    let size = (x.abs().ln() * constant(power)).exp();
+    match x < S::zero() {
+        false => size,
+        true if power.fract() != 0.0 => constant(f64::NAN),
+        true if power % 2.0 == 0.0 => size,
+        true => -size,
+    }
 }
 
 impl Function {

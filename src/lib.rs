@@ -11,6 +11,7 @@ pub mod effects;
 pub mod export;
 pub mod fit;
 pub mod formula;
+pub mod input;
 pub mod ladder;
 pub mod map;
 pub mod model;

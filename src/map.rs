@@ -524,8 +524,8 @@ pub fn by_model(
                     payload: Some(*load),
                     ..Reading::to_be(target, joints.clone())
                 };
-                let torques = workspace.joint_torques(robot.model, &robot.values, &reading);
                 let loaded = workspace.predict(robot.model, &robot.values, &reading);
+                let torques = workspace.torques(robot.model, &reading);
                 let against = match which {
                     Which::Load => {
                         reading.payload = Some(Payload { mass: 0.0, ..*load });

@@ -312,6 +312,11 @@ impl Workspace {
     /// Torque of the load about each joint's axis in the predicted posture, N·m (N for a slide).
     pub fn joint_torques(&mut self, model: &Model, p: &[f64], reading: &Reading) -> Vec<f64> {
         self.predict(model, p, reading);
+        self.torques(model, reading)
+    }
+
+    /// The same of the reading last predicted.
+    pub fn torques(&mut self, model: &Model, reading: &Reading) -> Vec<f64> {
         let setup = &model.setup;
         let load = Load::of(setup, reading);
         self.statics.load(setup, &load, &self.deviations);

@@ -1,8 +1,9 @@
 //! Which effects a model holds: the default, a list of names, or a model file.
 
 use crate::campaign::{Campaign, Frame, write_atomically};
-use crate::effects::table::{Choice, TableError, unique};
+use crate::effects::table::{Choice, TableError, check_count, unique};
 use crate::effects::{AnyEffect, CATALOGUE};
+use crate::input::{self, InputError, LARGEST_TOML};
 use crate::model::Model;
 use crate::setup::Setup;
 use std::io::Write;
@@ -13,12 +14,12 @@ use std::sync::Arc;
 #[derive(Debug, thiserror::Error)]
 pub enum ModelError {
     /// The file cannot be read.
-    #[error("{file}: {source}")]
+    #[error("{file}: cannot be read: {source}")]
     Read {
         /// Model file.
         file: String,
         /// Reason.
-        source: std::io::Error,
+        source: InputError,
     },
     /// The file cannot be written.
     #[error("{file}: {source}")]
@@ -219,7 +220,7 @@ pub fn write(path: &Path, model: &Model) -> Result<(), ModelError> {
 /// If the file cannot be read, is no model file, names another robot, or a table is wrong.
 pub fn read(path: &Path, campaign: &Campaign) -> Result<Vec<Choice>, ModelError> {
     let file = path.display().to_string();
-    let text = std::fs::read_to_string(path).map_err(|source| ModelError::Read {
+    let text = input::text(path, LARGEST_TOML).map_err(|source| ModelError::Read {
         file: file.clone(),
         source,
     })?;
@@ -227,7 +228,7 @@ pub fn read(path: &Path, campaign: &Campaign) -> Result<Vec<Choice>, ModelError>
         file: file.clone(),
         message,
     };
-    let document: ModelDocument = toml::from_str(&text).map_err(|error| form(error.to_string()))?;
+    let document: ModelDocument = input::toml(&text).map_err(form)?;
     if let Some(found) = document.robot.filter(|name| *name != campaign.robot.name) {
         return Err(ModelError::OtherRobot {
             file,
@@ -237,6 +238,7 @@ pub fn read(path: &Path, campaign: &Campaign) -> Result<Vec<Choice>, ModelError>
             robot_file: campaign.robot_file.name.clone(),
         });
     }
+    check_count(&file, document.effect.len())?;
     let tables = document.effect.into_iter().enumerate();
     let choices = tables
         .map(|(index, table)| {

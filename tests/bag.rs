@@ -3,7 +3,7 @@
 use crate::common::{bodies, file, random, vector};
 use mcap::records::MessageHeader;
 use misfit::bag::{self, Import, Spec, clock};
-use misfit::recording::{RecordingError, read_bag};
+use misfit::recording::{RecordingError, Samples, read_bag};
 use misfit::robot::Robot;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
@@ -991,5 +991,57 @@ proptest! {
             let off = (clock.offset_s - offset).abs();
             prop_assert!(off < 0.1 / hz + 1e-3, "{off} s at {hz} Hz: {clock:?}");
         }
+    }
+}
+
+#[test]
+fn stamps_that_are_years_off_cost_no_time() {
+    let recorded = Cell {
+        postures: 4,
+        ..Cell::default()
+    }
+    .record(41);
+    let spec = Spec::load(&recorded.spec("")).unwrap();
+    let mut bag = read_bag(&recorded.path, |topic| spec.wants(&topic.topic)).unwrap();
+    // the clock was set when the record ended
+    let years = 20 * 365 * 86_400 * 1_000_000_000_i64;
+    for samples in bag.samples.values_mut() {
+        let last = match samples {
+            Samples::Joints(all) => &mut all.last_mut().unwrap().0,
+            Samples::Poses(all) => &mut all.last_mut().unwrap().0,
+            other => panic!("{other:?}"),
+        };
+        last.header += years;
+    }
+    let start = std::time::Instant::now();
+    let import = bag::import(&bag, &spec).unwrap();
+    let took = start.elapsed();
+    assert!(took < std::time::Duration::from_secs(60), "took {took:?}");
+    assert!(
+        import.dwells.stops >= recorded.visits.len(),
+        "{:?}",
+        import.dwells
+    );
+}
+
+#[test]
+fn positions_beyond_numbers_do_not_keep_the_clock_busy() {
+    let recorded = Cell {
+        postures: 4,
+        ..Cell::default()
+    }
+    .record(42);
+    let spec = Spec::load(&recorded.spec("")).unwrap();
+    for size in [1e200, -1e308] {
+        let mut bag = read_bag(&recorded.path, |topic| spec.wants(&topic.topic)).unwrap();
+        let Some(Samples::Poses(all)) = bag.samples.get_mut("/tracker") else {
+            panic!("no poses");
+        };
+        let middle = all.len() / 2;
+        all[middle].1.x = size;
+        let import = bag::import(&bag, &spec).unwrap();
+        // one sample says nothing of the clock, and the others still do
+        let offset = import.clocks[0].offset_s;
+        assert!(offset.abs() < CLOCK, "{:?}", import.clocks);
     }
 }

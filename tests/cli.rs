@@ -33,7 +33,7 @@ fn cell() -> String {
 }
 
 /// The program, run in a folder.
-fn misfit(folder: &Path) -> Command {
+pub fn misfit(folder: &Path) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_misfit"));
     command.current_dir(folder).env_remove("RUST_BACKTRACE");
     command
@@ -80,7 +80,7 @@ fn done(folder: &Path, words: &[&str]) -> String {
 
 /// A run that could not do it: exit code 1, nothing on stdout, and every one of `parts` in the message.
 #[track_caller]
-fn refused(folder: &Path, words: &[&str], parts: &[&str]) {
+pub fn refused(folder: &Path, words: &[&str], parts: &[&str]) {
     let ran = run(folder, words);
     assert_eq!(ran.code, Some(1), "{words:?}: {}{}", ran.out, ran.err);
     assert_eq!(ran.out, "", "{words:?}");

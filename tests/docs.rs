@@ -449,7 +449,7 @@ fn figures_of_the_limits_are_those_of_the_readme() {
         "1.6 s",
         "0.20 s",
         "1.1 s of one core",
-        "22 s",
+        "9 s",
         "588",
         "3.2 %",
         "26.7 %",

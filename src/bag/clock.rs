@@ -12,6 +12,7 @@
 use super::stream::Series;
 use crate::robot::Robot;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use std::ops::Range;
 
 /// Chords last at least so long: at 10 µm of noise 0.14 mm/s remain, s.
 const CHORD: f64 = 0.1;
@@ -247,8 +248,8 @@ pub fn estimate(
 
 /// Both chords on one grid.
 struct Coarse {
-    nominal: Vec<f64>,
-    measured: Vec<f64>,
+    nominal: Motion,
+    measured: Motion,
     /// Place of the first measured value among the nominal ones.
     first: i64,
 }
@@ -288,8 +289,8 @@ impl Coarse {
             return Err(nothing("what is measured does not change"));
         }
         Ok(Self {
-            nominal: centred(nominal),
-            measured: centred(seen),
+            nominal: Motion::of(nominal),
+            measured: Motion::of(seen),
             first: first as i64,
         })
     }
@@ -317,21 +318,61 @@ impl Coarse {
         let shift = self.first - lag;
         let begin = (-shift).max(0) as usize;
         let skipped = shift.max(0) as usize;
+        let (nominal, measured) = (&self.nominal, &self.measured);
+        let left = measured.values.len().saturating_sub(begin);
+        let overlap = left.min(nominal.values.len().saturating_sub(skipped));
         let (mut xy, mut xx, mut yy) = (0.0, 0.0, 0.0);
-        let pairs = self.measured.iter().skip(begin);
-        for (y, x) in pairs.zip(self.nominal.iter().skip(skipped)) {
-            xy += x * y;
-            xx += x * x;
-            yy += y * y;
+        for run in nominal.within(skipped, overlap) {
+            nominal.values[run].iter().for_each(|x| xx += x * x);
         }
-        let whole = |values: &[f64]| values.iter().map(|x| x * x).sum::<f64>();
-        if xx < whole(&self.nominal) / 2.0 || yy < whole(&self.measured) / 2.0 {
+        for run in measured.within(begin, overlap) {
+            let from = run.start - begin + skipped;
+            for (y, x) in measured.values[run].iter().zip(&nominal.values[from..]) {
+                xy += x * y;
+                yy += y * y;
+            }
+        }
+        if xx < nominal.whole / 2.0 || yy < measured.whole / 2.0 {
             return f64::NEG_INFINITY;
         }
         match (xx * yy).sqrt() {
             size if size > 0.0 => xy / size,
             _ => f64::NEG_INFINITY,
         }
+    }
+}
+
+/// Chords on a grid, with the places that have one: a stamp that is years off must not cost years of a grid at each offset.
+struct Motion {
+    /// Less their mean; zero where there is none.
+    values: Vec<f64>,
+    runs: Vec<Range<usize>>,
+    /// Sum of squares.
+    whole: f64,
+}
+
+impl Motion {
+    fn of(values: Vec<f64>) -> Self {
+        let mut runs: Vec<Range<usize>> = Vec::new();
+        for place in (0..values.len()).filter(|place| values[*place].is_finite()) {
+            match runs.last_mut() {
+                Some(run) if run.end == place => run.end += 1,
+                _ => runs.push(place..place + 1),
+            }
+        }
+        let values = centred(values);
+        Self {
+            whole: values.iter().map(|x| x * x).sum(),
+            values,
+            runs,
+        }
+    }
+
+    /// What of the runs lies among `count` places from `first` on.
+    fn within(&self, first: usize, count: usize) -> impl Iterator<Item = Range<usize>> {
+        let end = first.saturating_add(count);
+        let clipped = move |run: &Range<usize>| run.start.max(first)..run.end.min(end);
+        self.runs.iter().map(clipped).filter(|run| !run.is_empty())
     }
 }
 
@@ -346,10 +387,11 @@ fn centred(mut values: Vec<f64>) -> Vec<f64> {
     values
 }
 
-/// Length of the measured chord about a time.
+/// Length of the measured chord about a time; none where it is beyond numbers.
 fn seen(measured: &Series<Vector3<f64>>, time: f64, chord: f64) -> Option<f64> {
     let (from, to) = (time - chord / 2.0, time + chord / 2.0);
-    Some((measured.at(to)? - measured.at(from)?).norm())
+    let length = (measured.at(to)? - measured.at(from)?).norm();
+    length.is_finite().then_some(length)
 }
 
 /// Times of the stream with the chords it saw: all, or every so many.
@@ -441,6 +483,10 @@ impl LeastSquares<'_> {
                 for j in 0..5 {
                     normal[(i, j)] /= sizes[i] * sizes[j];
                 }
+            }
+            // the decomposition of what is no number does not end
+            if !normal.iter().chain(&right).all(|x| x.is_finite()) {
+                return;
             }
             // of the normal matrix: the square
             let Ok(step) = normal.svd(true, true).solve(&right, SEEN * SEEN) else {

@@ -18,8 +18,8 @@ const STILL: f64 = 2e-5;
 const JOINT_FACTOR: f64 = 3.0;
 /// The same of the length of a vector: 5.6 σ of each of its coordinates.
 const TARGET_FACTOR: f64 = 2.0;
-/// Most steps of the grid.
-const MOST_STEPS: f64 = 1e7;
+/// Most steps of the grid: three days.
+const MOST_STEPS: f64 = 5e6;
 
 /// A stop of the joints.
 #[derive(Debug, Clone, PartialEq)]

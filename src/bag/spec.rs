@@ -1,6 +1,7 @@
 //! `import.toml`: which topics of a bag are what, and what a stop is.
 
 use crate::campaign::{CampaignError, Document, Keys, RobotFile, Settings};
+use crate::input;
 use crate::robot::Robot;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -134,15 +135,13 @@ impl Spec {
     /// What does not fit, with file, key, what was found and what is accepted.
     pub fn load(path: &Path) -> Result<Self, CampaignError> {
         let file = path.display().to_string();
-        let text = crate::campaign::read_text(path, &file)?;
-        let entry: File = toml::from_str(&text).map_err(|error| CampaignError::Toml {
+        let text = crate::campaign::read_toml(path, &file)?;
+        let entry: File = input::toml(&text).map_err(|message| CampaignError::Toml {
             file: file.clone(),
-            message: error.to_string().trim_end().to_owned(),
+            message,
         })?;
         let robot_path = path.parent().unwrap_or(Path::new("")).join(&entry.robot);
-        let robot_name = robot_path.display().to_string();
-        let robot_text = crate::campaign::read_text(&robot_path, &robot_name)?;
-        let robot = Robot::load(&robot_path, entry.base.as_deref())?;
+        let (robot, robot_text) = Robot::load_with_text(&robot_path, entry.base.as_deref())?;
         let settings = Document::from_table(&file, campaign_part(&entry))?.settle(&file, &robot)?;
         let keys = Keys { file: &file };
         keys.check_dwell(&entry.dwell)?;

@@ -3,6 +3,7 @@
 use super::error::{CampaignError, quoted};
 use super::row::unit_quaternion;
 use super::{Campaign, Frame, Noise, Target};
+use crate::input;
 use crate::robot::Robot;
 use nalgebra::{Isometry3, Translation3, Vector3};
 use serde::Deserialize;
@@ -98,9 +99,9 @@ pub struct Settings {
 impl Document {
     /// Reads the text of a campaign file; `file` names it in messages.
     pub(crate) fn parse(file: &str, text: &str) -> Result<Self, CampaignError> {
-        toml::from_str(text).map_err(|error| CampaignError::Toml {
+        input::toml(text).map_err(|message| CampaignError::Toml {
             file: file.into(),
-            message: error.to_string().trim_end().to_owned(),
+            message,
         })
     }
 

@@ -1,5 +1,6 @@
 //! What can be wrong with a campaign's files, said so that the user can put it right.
 
+use crate::input::InputError;
 use crate::recording::RecordingError;
 use crate::robot::RobotError;
 
@@ -8,13 +9,13 @@ use crate::robot::RobotError;
 /// Every message names the file, the line and column or key, what was found and what is accepted.
 #[derive(Debug, thiserror::Error)]
 pub enum CampaignError {
-    /// The file system refused to read.
+    /// No file that is read here: missing, too large, of another kind.
     #[error("{file}: cannot be read: {source}")]
     Read {
         /// As the user wrote it, or as the campaign file refers to it.
         file: String,
-        /// What the system says.
-        source: std::io::Error,
+        /// Why.
+        source: InputError,
     },
     /// The file system refused to write; what was there before is untouched.
     #[error("{file}: cannot be written: {source}")]
@@ -33,14 +34,6 @@ pub enum CampaignError {
         file: String,
         /// Its ending, or that there is none.
         found: String,
-    },
-    /// Larger than anything that was ever measured.
-    #[error("{file}: found more than {limit}; accepted: at most {limit}")]
-    TooLarge {
-        /// The file.
-        file: String,
-        /// The limit with its unit.
-        limit: String,
     },
     /// The campaign file is not TOML, or has keys it should not have.
     #[error("{file}: {message}")]

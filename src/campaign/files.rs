@@ -1,22 +1,8 @@
-//! Reading with a limit, and writing so that a failure leaves the old file whole.
+//! Writing so that a failure leaves the old file whole.
 
 use std::fs::File;
-use std::io::{self, BufWriter, Read, Write};
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
-
-/// Reads a whole file of at most `limit` bytes; `None` if there is more.
-///
-/// The limit is kept while reading, so a pipe or a growing file cannot exceed it.
-pub(crate) fn read_at_most(path: &Path, limit: u64) -> io::Result<Option<Vec<u8>>> {
-    let file = File::open(path)?;
-    // A file that says it is too long need not be read first.
-    if file.metadata()?.len() > limit {
-        return Ok(None);
-    }
-    let mut bytes = Vec::new();
-    file.take(limit + 1).read_to_end(&mut bytes)?;
-    Ok((bytes.len() as u64 <= limit).then_some(bytes))
-}
 
 /// Fills a temporary file in the same folder, then renames it to `path`.
 ///

@@ -21,9 +21,8 @@ pub use read::{Tasks, read_tasks};
 
 pub(crate) use check::plain_file_name;
 pub(crate) use document::{Document, Keys, render as render_document};
-pub(crate) use files::read_at_most;
 pub use files::write_atomically;
-pub(crate) use read::read_text;
+pub(crate) use read::read_toml;
 pub(crate) use render::render_commands;
 pub(crate) use row::unit_quaternion;
 pub(crate) use units::to_inner;

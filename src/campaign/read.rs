@@ -2,16 +2,12 @@
 
 use super::document::{Document, SplitRule};
 use super::error::CampaignError;
-use super::files::read_at_most;
 use super::{Campaign, Reading, RobotFile, split, table};
+use crate::input::{self, InputError, LARGEST_TABLE, LARGEST_TOML};
 use crate::recording;
 use crate::robot::Robot;
+use std::fs::File;
 use std::path::Path;
-
-/// Largest campaign file and robot file, bytes.
-const LARGEST_TEXT: u64 = 64_000_000;
-/// Largest table, bytes.
-const LARGEST_TABLE: u64 = 2_000_000_000;
 
 impl Campaign {
     /// Reads a campaign: a `.toml` file with its CSV table and robot, or a `.mcap` recording.
@@ -41,7 +37,7 @@ impl Campaign {
 fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
     let file = path.display().to_string();
     let folder = path.parent().unwrap_or(Path::new(""));
-    let document = Document::parse(&file, &read_text(path, &file)?)?;
+    let document = Document::parse(&file, &read_toml(path, &file)?)?;
     let Some(table_name) = &document.table else {
         return Err(CampaignError::Key {
             file,
@@ -52,14 +48,12 @@ fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
     };
 
     let robot_path = folder.join(&document.robot);
-    let robot_name = robot_path.display().to_string();
-    let robot_text = read_text(&robot_path, &robot_name)?;
-    let robot = Robot::load(&robot_path, document.base.as_deref())?;
+    let (robot, robot_text) = Robot::load_with_text(&robot_path, document.base.as_deref())?;
     let settings = document.settle(&file, &robot)?;
 
     let table_path = folder.join(table_name);
     let table_file = table_path.display().to_string();
-    let bytes = read_bytes(&table_path, &table_file, LARGEST_TABLE, "2 GB")?;
+    let input = open_table(&table_path, &table_file)?;
     let context = table::Context {
         file: &table_file,
         robot: &robot,
@@ -74,7 +68,7 @@ fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
         mut readings,
         warnings,
         ..
-    } = table::parse(&context, &bytes)?;
+    } = table::parse(&context, input)?;
     if let SplitRule::Fraction(fraction, seed) = settings.split {
         split::draw(&mut readings, fraction, seed);
     }
@@ -103,7 +97,7 @@ fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
 /// As [`Campaign::load`].
 pub fn read_tasks(path: &Path, campaign: &Campaign) -> Result<Tasks, CampaignError> {
     let file = path.display().to_string();
-    let bytes = read_bytes(path, &file, LARGEST_TABLE, "2 GB")?;
+    let input = open_table(path, &file)?;
     let context = table::Context {
         file: &file,
         robot: &campaign.robot,
@@ -116,7 +110,7 @@ pub fn read_tasks(path: &Path, campaign: &Campaign) -> Result<Tasks, CampaignErr
         has_joints,
         mut warnings,
         ..
-    } = table::parse(&context, &bytes)?;
+    } = table::parse(&context, input)?;
     if !has_joints {
         // no posture is named at all: then none is taken to stay at zero
         warnings.retain(|warning| !warning.contains(table::NO_COLUMN));
@@ -150,32 +144,18 @@ fn file_name(path: &Path) -> String {
         .unwrap_or_default()
 }
 
-fn read_bytes(
-    path: &Path,
-    file: &str,
-    limit: u64,
-    limit_name: &str,
-) -> Result<Vec<u8>, CampaignError> {
-    let bytes = read_at_most(path, limit).map_err(|source| CampaignError::Read {
-        file: file.into(),
-        source,
-    })?;
-    bytes.ok_or_else(|| CampaignError::TooLarge {
-        file: file.into(),
-        limit: limit_name.into(),
-    })
+fn open_table(path: &Path, file: &str) -> Result<File, CampaignError> {
+    input::open(path, LARGEST_TABLE).map_err(|source| unread(file, source))
 }
 
-/// Reads a text of at most 64 MB; `file` names it in messages.
-pub(crate) fn read_text(path: &Path, file: &str) -> Result<String, CampaignError> {
-    let bytes = read_bytes(path, file, LARGEST_TEXT, "64 MB")?;
-    String::from_utf8(bytes).map_err(|error| {
-        let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
-        CampaignError::Row {
-            file: file.into(),
-            line: 1 + valid.iter().filter(|byte| **byte == b'\n').count(),
-            found: "bytes that are not UTF-8".into(),
-            accepted: "text in UTF-8".into(),
-        }
-    })
+/// Reads a campaign file or what is written like one; `file` names it in messages.
+pub(crate) fn read_toml(path: &Path, file: &str) -> Result<String, CampaignError> {
+    input::text(path, LARGEST_TOML).map_err(|source| unread(file, source))
+}
+
+fn unread(file: &str, source: InputError) -> CampaignError {
+    CampaignError::Read {
+        file: file.into(),
+        source,
+    }
 }

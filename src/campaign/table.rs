@@ -4,14 +4,13 @@ use super::columns::{Columns, Role};
 use super::error::CampaignError;
 use super::row::{Part, Row};
 use super::{Reading, Target};
+use crate::input::{self, InputError, LARGEST_TABLE, LONGEST_LINE, MOST_READINGS};
 use crate::robot::Robot;
 use csv::{ByteRecord, ReaderBuilder};
-use std::collections::BTreeMap;
-use std::io;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, VecDeque};
+use std::io::{self, BufRead, BufReader, Read};
 use std::path::Path;
-
-/// Longest line accepted, bytes; a longer one is not a table.
-const LONGEST_LINE: usize = 1_000_000;
 
 /// What the campaign file says that a table is read with.
 pub(super) struct Context<'a> {
@@ -35,27 +34,54 @@ pub(super) struct Table {
     pub(super) has_joints: bool,
 }
 
-/// Reads a table.
-pub(super) fn parse(context: &Context<'_>, bytes: &[u8]) -> Result<Table, CampaignError> {
-    check_lines(context.file, bytes)?;
-    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+/// Reads a table, row by row: what is held in memory is one row and the readings.
+pub(super) fn parse(context: &Context<'_>, input: impl Read) -> Result<Table, CampaignError> {
+    let unread = |source: InputError| CampaignError::Read {
+        file: context.file.into(),
+        source,
+    };
+    let mut input = BufReader::new(input.take(LARGEST_TABLE + 1));
+    const MARK: &[u8] = b"\xef\xbb\xbf";
+    if input
+        .fill_buf()
+        .map_err(|e| unread(e.into()))?
+        .starts_with(MARK)
+    {
+        input.consume(MARK.len());
+    }
+    let lines = RefCell::new(Lines::default());
     let mut reader = ReaderBuilder::new()
         .has_headers(false)
         .flexible(true)
-        .from_reader(bytes);
+        .from_reader(Counted {
+            input,
+            lines: &lines,
+        });
     let mut record = ByteRecord::new();
-    let mut lines = Lines::default();
     let mut columns = None;
     let mut readings = Vec::new();
     let mut left_out = BTreeMap::new();
-    while reader
-        .read_byte_record(&mut record)
-        .map_err(|error| CampaignError::Read {
-            file: context.file.into(),
-            source: io::Error::other(error),
-        })?
-    {
-        let line = lines.of(bytes, &record);
+    loop {
+        lines.borrow_mut().leave(reader.position().byte());
+        let read = reader.read_byte_record(&mut record);
+        if lines.borrow().too_long {
+            return Err(CampaignError::Row {
+                file: context.file.into(),
+                line: lines.borrow().passed + 1,
+                found: "a row longer than 1 MB".into(),
+                accepted:
+                    "rows of at most 1 MB; a quote that is not closed goes on over the lines below"
+                        .into(),
+            });
+        }
+        if lines.borrow().read > LARGEST_TABLE {
+            return Err(unread(input::too_large(LARGEST_TABLE)));
+        }
+        if !read.map_err(|error| unread(io::Error::other(error).into()))? {
+            break;
+        }
+        let start = record.position().map_or(0, csv::Position::byte);
+        let line = lines.borrow_mut().leave(start);
         let Some(columns) = &columns else {
             columns = Some(header(context, line, &record)?);
             continue;
@@ -67,6 +93,14 @@ pub(super) fn parse(context: &Context<'_>, bytes: &[u8]) -> Result<Table, Campai
             record: &record,
         };
         row.check_count()?;
+        if readings.len() == MOST_READINGS {
+            return Err(CampaignError::Row {
+                file: context.file.into(),
+                line,
+                found: format!("more than {MOST_READINGS} readings"),
+                accepted: format!("at most {MOST_READINGS}"),
+            });
+        }
         readings.push(row.reading(&mut left_out)?);
     }
     let refuse = |found: &str| CampaignError::Row {
@@ -88,44 +122,71 @@ pub(super) fn parse(context: &Context<'_>, bytes: &[u8]) -> Result<Table, Campai
     })
 }
 
-/// Refuses lines so long that the file cannot be a table.
-fn check_lines(file: &str, bytes: &[u8]) -> Result<(), CampaignError> {
-    match bytes
-        .split(|byte| *byte == b'\n')
-        .position(|line| line.len() > LONGEST_LINE)
-    {
-        None => Ok(()),
-        Some(index) => Err(CampaignError::Row {
-            file: file.into(),
-            line: index + 1,
-            found: "a line longer than 1 MB".into(),
-            accepted: "lines of at most 1 MB".into(),
-        }),
+/// What the CSV reader takes in, its lines counted on the way: the reader's own count misses blank ones.
+struct Counted<'a, R> {
+    input: R,
+    lines: &'a RefCell<Lines>,
+}
+
+impl<R: Read> Read for Counted<'_, R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        // An end of the input, as the reader sees it: it must not go on with a row that has no end.
+        let mut lines = self.lines.borrow_mut();
+        let start = lines.start;
+        lines.leave(start);
+        lines.too_long = lines.read > lines.start + LONGEST_LINE as u64;
+        if lines.too_long {
+            return Ok(0);
+        }
+        let count = self.input.read(buffer)?;
+        lines.pass(&buffer[..count]);
+        Ok(count)
     }
 }
 
-/// Counts lines on the way through the table: the CSV reader's own count misses blank ones.
+/// Lines that were read and whose rows are still to come.
 #[derive(Default)]
 struct Lines {
-    offset: usize,
+    /// Bytes read.
+    read: u64,
+    /// Where the next row begins, once blank lines are left behind.
+    start: u64,
+    /// Number of lines before that.
     passed: usize,
+    /// Ends of whole lines, and whether a line is blank.
+    ahead: VecDeque<(u64, bool)>,
+    /// Has the line that is being read anything in it?
+    begun: bool,
+    /// Is more of a row read than a row may have?
+    too_long: bool,
 }
 
 impl Lines {
-    /// Line on which the record begins.
-    fn of(&mut self, bytes: &[u8], record: &ByteRecord) -> usize {
-        let start = record
-            .position()
-            .and_then(|position| usize::try_from(position.byte()).ok())
-            .unwrap_or(self.offset)
-            .clamp(self.offset, bytes.len());
-        let blank = bytes[start..]
-            .iter()
-            .take_while(|byte| matches!(byte, b'\n' | b'\r'))
-            .count();
-        let newlines = |part: &[u8]| part.iter().filter(|byte| **byte == b'\n').count();
-        self.passed += newlines(&bytes[self.offset..start + blank]);
-        self.offset = start + blank;
+    fn pass(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.read += 1;
+            match byte {
+                b'\n' => {
+                    self.ahead.push_back((self.read, !self.begun));
+                    self.begun = false;
+                }
+                b'\r' => {}
+                _ => self.begun = true,
+            }
+        }
+    }
+
+    /// Leaves the lines that end before a byte, and blank ones behind it; the number of the line that comes next.
+    fn leave(&mut self, start: u64) -> usize {
+        self.start = self.start.max(start);
+        // between the two bytes of a line's end the row is over too
+        while let Some(&(end, blank)) = self.ahead.front()
+            && (end <= self.start + 1 || blank)
+        {
+            self.ahead.pop_front();
+            self.passed += 1;
+            self.start = self.start.max(end);
+        }
         self.passed + 1
     }
 }

@@ -3,6 +3,7 @@
 use super::{Outcome, print, print_json, progress, spare};
 use crate::bag::{self, Spec};
 use crate::campaign::Campaign;
+use crate::input::{self, LARGEST_TOML};
 use crate::recording::{self, Bag};
 use crate::report::import as report;
 use std::collections::BTreeMap;
@@ -133,7 +134,7 @@ fn write(
             ("bag".to_owned(), name(Path::new(&bag.name))),
             ("misfit".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
         ]);
-        let attachments = match std::fs::read(spec_path) {
+        let attachments = match input::bytes(spec_path, LARGEST_TOML) {
             Ok(bytes) => vec![("import.toml".to_owned(), bytes)],
             Err(_) => Vec::new(),
         };

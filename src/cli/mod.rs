@@ -21,6 +21,7 @@ mod simulate;
 mod sweep;
 mod terminal;
 
+use crate::input::{self, LARGEST_TOML};
 use anyhow::Context;
 use clap::{CommandFactory, Parser, Subcommand};
 use std::path::{Path, PathBuf};
@@ -114,7 +115,8 @@ pub fn main() -> ExitCode {
             }
             Err(error) => {
                 use std::io::Write;
-                let _ = writeln!(std::io::stderr(), "misfit: {}", message(&error));
+                let message = message(&error);
+                let _ = writeln!(std::io::stderr(), "misfit: {}", terminal::tame(&message));
                 ExitCode::FAILURE
             }
         },
@@ -145,8 +147,8 @@ fn spare(output: &Path, campaign: &Path, others: &[Option<&Path>]) -> anyhow::Re
     };
     let mut read = vec![campaign.to_owned()];
     read.extend(others.iter().flatten().map(|path| path.to_path_buf()));
-    let text = std::fs::read_to_string(campaign).unwrap_or_default();
-    if let Ok(table) = toml::from_str::<toml::Table>(&text) {
+    let text = input::text(campaign, LARGEST_TOML).unwrap_or_default();
+    if let Ok(table) = input::toml::<toml::Table>(&text) {
         let folder = campaign.parent().unwrap_or(Path::new(""));
         let named = ["robot", "table"]
             .iter()

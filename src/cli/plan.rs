@@ -5,6 +5,7 @@ use crate::campaign::{Campaign, Noise, Payload, Reading, Split, render_commands}
 use crate::effects::AnyEffect;
 use crate::effects::table::Choice;
 use crate::fit::{self, Fit, Options};
+use crate::input::{self, LARGEST_TOML};
 use crate::model::Model;
 use crate::plan::{self, Aim, Limits, Protocol, Task, space::Space};
 use crate::report::plan::{Ground, Result as Planned};
@@ -223,7 +224,7 @@ pub(super) fn is_scenario(path: &Path) -> anyhow::Result<bool> {
     if path.extension().is_none_or(|ending| ending != "toml") {
         return Ok(false);
     }
-    let text = std::fs::read_to_string(path)
+    let text = input::text(path, LARGEST_TOML)
         .with_context(|| format!("{}: cannot be read", path.display()))?;
     // what is no TOML the reader of campaigns refuses, with its line
     let told = |table: toml::Table| {
@@ -231,7 +232,7 @@ pub(super) fn is_scenario(path: &Path) -> anyhow::Result<bool> {
             .iter()
             .any(|key| table.contains_key(*key))
     };
-    Ok(toml::from_str(&text).is_ok_and(told))
+    Ok(input::toml(&text).is_ok_and(told))
 }
 
 /// A scenario's design, about its truth: what the plan is for.

@@ -2,6 +2,7 @@
 
 use anstyle::{AnsiColor, Style};
 use serde::Serialize;
+use std::borrow::Cow;
 use std::io::Write;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -24,9 +25,18 @@ pub fn print(text: &str) -> anyhow::Result<()> {
         return Ok(());
     }
     let mut out = anstream::stdout().lock();
-    out.write_all(painted(text).as_bytes())?;
+    out.write_all(painted(&tame(text)).as_bytes())?;
     out.flush()?;
     Ok(())
+}
+
+/// A text that only says something: what names in a user's file hold cannot colour, move or clear a terminal.
+pub fn tame(text: &str) -> Cow<'_, str> {
+    let wild = |c: char| c.is_control() && c != '\n';
+    match text.contains(wild) {
+        true => text.replace(wild, "\u{fffd}").into(),
+        false => text.into(),
+    }
 }
 
 /// Writes bytes for programs to stdout as they are, also with `--quiet`.

@@ -2,6 +2,7 @@
 //!
 //! Poses are left out a fifth at a time, those of a pose together.
 
+use super::score::square;
 use crate::campaign::Reading;
 use crate::fit::pose_key;
 use nalgebra::{Cholesky, DMatrix, DVector};
@@ -46,8 +47,7 @@ pub fn normals(
         let columns = pick(block);
         let of = |fold: usize| {
             let own: Vec<usize> = (0..folds.len()).filter(|&row| folds[row] == fold).collect();
-            let own = columns.select_rows(&own);
-            own.transpose() * own
+            square(&columns.select_rows(&own))
         };
         (0..FOLDS).map(of).collect()
     };

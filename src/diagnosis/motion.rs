@@ -22,7 +22,7 @@ pub fn motions(fit: &Fit, readings: &[&Reading], whiteners: &[Whitener]) -> Vec<
     let found = alike.map(&fit.model, readings, |workspace, reading| {
         let mut jacobian = Rows::zeros(setup.robot.joints.len());
         workspace.joint_jacobian(&fit.model, &fit.values, reading, &mut jacobian);
-        let torques = workspace.joint_torques(&fit.model, &fit.values, reading);
+        let torques = workspace.torques(&fit.model, reading);
         (jacobian, torques)
     });
     let each = found.into_iter().zip(whiteners);

@@ -4,6 +4,9 @@ use crate::setup::Setup;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
+/// Most numbers of an option for one joint; each makes parameters of its own.
+const MOST_NUMBERS: usize = 100;
+
 /// Numbers that an option holds for a joint.
 pub trait Numbers {
     /// All of them.
@@ -82,6 +85,12 @@ impl<T: Numbers> PerJoint<T> {
 
 fn positive(what: &str, given: &impl Numbers) -> Result<(), String> {
     let numbers = given.numbers();
+    if numbers.len() > MOST_NUMBERS {
+        return Err(format!(
+            "{what} names {} numbers; accepted: at most {MOST_NUMBERS}",
+            numbers.len()
+        ));
+    }
     for (place, number) in numbers.iter().enumerate() {
         if !(number.is_finite() && *number > 0.0) {
             return Err(format!("{what} is {number}; accepted: numbers above 0"));

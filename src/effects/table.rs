@@ -47,6 +47,9 @@ pub enum TableError {
     },
 }
 
+/// Most effects of a model or a truth: each is compared with each.
+pub const MOST_EFFECTS: usize = 1000;
+
 /// An effect as chosen, with what is said about its parameters.
 #[derive(Debug, Clone)]
 pub struct Choice {
@@ -189,6 +192,20 @@ impl Choice {
         }
         Ok(())
     }
+}
+
+/// Refuses more tables of effects than [`MOST_EFFECTS`].
+///
+/// # Errors
+/// If there are.
+pub fn check_count(file: &str, tables: usize) -> Result<(), TableError> {
+    if tables <= MOST_EFFECTS {
+        return Ok(());
+    }
+    Err(TableError::Form {
+        file: file.to_owned(),
+        message: format!("found {tables} effects; accepted: at most {MOST_EFFECTS}"),
+    })
 }
 
 /// Refuses the same effect twice.

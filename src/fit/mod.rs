@@ -429,6 +429,26 @@ fn start_values(campaign: &Campaign, model: &Model, readings: &[&Reading]) -> Ve
     p
 }
 
+/// Does the model have an equilibrium at every reading?
+fn settled(
+    campaign: &Campaign,
+    model: &Model,
+    readings: &[&Reading],
+    p: &[f64],
+) -> Result<(), FitError> {
+    let settled = Alike::of(model, readings).map(model, readings, |workspace, reading| {
+        workspace.predict(model, p, reading).settled
+    });
+    let Some(first) = settled.iter().position(|settled| !settled) else {
+        return Ok(());
+    };
+    let lost = no_number(campaign, model, p, false);
+    Err(lost.unwrap_or_else(|| FitError::NoEquilibrium {
+        campaign: campaign.name.clone(),
+        line: readings[first].line,
+    }))
+}
+
 /// A converged (or stopped) estimate with the noise it used.
 struct Estimate {
     p: Vec<f64>,
@@ -449,16 +469,6 @@ fn estimate(
     near: Option<&Fit>,
     on_step: &mut impl FnMut(&str),
 ) -> Result<Estimate, FitError> {
-    let settled = Alike::of(model, readings).map(model, readings, |workspace, reading| {
-        workspace.predict(model, &start, reading).settled
-    });
-    if let Some(first) = settled.iter().position(|settled| !settled) {
-        let lost = no_number(campaign, model, &start, false);
-        return Err(lost.unwrap_or_else(|| FitError::NoEquilibrium {
-            campaign: campaign.name.clone(),
-            line: readings[first].line,
-        }));
-    }
     let with_orientation = readings.iter().any(|reading| reading.orientation.is_some());
     let groups = noise::replicate_groups(campaign, readings);
     let free: Vec<usize> = model
@@ -491,7 +501,7 @@ fn estimate(
         _ => 1,
     };
     let centre: Vec<f64> = free.iter().map(|&k| start[k]).collect();
-    let mut p = start;
+    let mut p = start.clone();
     if let Some(near) = near {
         for (k, (effect, parameter)) in model.parameters().enumerate() {
             if let Some(index) = near
@@ -525,6 +535,9 @@ fn estimate(
             on_step(&format!("step {iteration}, cost {cost:.6e}"));
             costs.push(cost);
         });
+        if found.iterations == 0 && !found.linear.cost().is_finite() {
+            settled(campaign, model, readings, &start)?;
+        }
         p = problem.full(&found.p);
         steps += found.iterations;
         if source == Source::Residual {
@@ -616,11 +629,7 @@ fn from_residual(model: &Model, p: &[f64], readings: &[&Reading], rank: usize) -
 
 /// Residuals, measured minus predicted: position (m), rotation vector (rad), in the tracker's frame.
 pub fn residuals(model: &Model, p: &[f64], readings: &[&Reading]) -> Vec<Row> {
-    residuals_of(model, p, readings, &Alike::of(model, readings))
-}
-
-fn residuals_of(model: &Model, p: &[f64], readings: &[&Reading], alike: &Alike) -> Vec<Row> {
-    let predictions = alike.map(model, readings, |workspace, reading| {
+    let predictions = Alike::of(model, readings).map(model, readings, |workspace, reading| {
         workspace.predict(model, p, reading)
     });
     let pairs = predictions.iter().zip(readings);
@@ -825,12 +834,6 @@ impl Problem for CampaignProblem<'_> {
     fn linearise(&self, p: &[f64]) -> Linear {
         let blocks = self.map_parts(p, triangle::triangle);
         solve::reduce(blocks, self.free.len())
-    }
-
-    fn cost(&self, p: &[f64]) -> f64 {
-        let full = self.full(p);
-        let residuals = residuals_of(self.model, &full, self.readings, &self.alike);
-        squares(&residuals, self.whiteners)
     }
 
     fn scale(&self) -> &[f64] {

@@ -47,10 +47,8 @@ impl Linear {
 
 /// What is minimised.
 pub trait Problem: Sync {
-    /// Residual and scaled Jacobian at `p`, reduced.
+    /// Residual and scaled Jacobian at `p`, reduced; not finite where there is no residual.
     fn linearise(&self, p: &[f64]) -> Linear;
-    /// ‖r(p)‖², NaN where there is none.
-    fn cost(&self, p: &[f64]) -> f64;
     /// Typical sizes.
     fn scale(&self) -> &[f64];
     /// Least and greatest values.
@@ -108,23 +106,22 @@ pub fn solve(
             if damping == 0.0 && (gain < SMALL_STEP.powi(2) || gain < SMALL_GAIN * cost) {
                 return stop(problem, next, linear, true, iteration);
             }
-            let reached = problem.cost(&next) + distance(problem, &next, &centre);
+            // most steps are taken, and the next one begins with this
+            let there = problem.linearise(&next);
+            let reached = there.cost() + distance(problem, &next, &centre);
             if reached < cost {
                 damping = if damping > 10.0 * LEAST_DAMPING && reached < cost - 0.25 * gain {
                     damping * 0.1
                 } else {
                     0.0
                 };
-                accepted = Some(next);
+                accepted = Some((next, there));
                 break;
             }
             damping = (damping * 10.0).max(LEAST_DAMPING);
         }
         match accepted {
-            Some(next) => {
-                p = next;
-                linear = problem.linearise(&p);
-            }
+            Some(next) => (p, linear) = next,
             // no step lowers the cost: as low as rounding lets it be, or stuck
             None => {
                 let gain = gain_of(&bounded_step(problem, &whole, &p, 0.0));

@@ -123,6 +123,9 @@ fn tracker_rotation(campaign: &Campaign, pairs: &[Pair]) -> Option<Rotation3<f64
         let seen = pair.reading.orientation?;
         return Some((pair.link.rotation * seen.inverse()).to_rotation_matrix());
     }
+    if kronecker.iter().any(|x| !x.is_finite()) {
+        return None;
+    }
     let svd = kronecker.svd(true, false);
     let left = svd.u?;
     let matrix = Matrix3::from_iterator(left.column(svd.singular_values.imax()).iter().copied());
@@ -280,6 +283,10 @@ fn linear_rotation(campaign: &Campaign, pairs: &[Pair]) -> Option<Rotation3<f64>
 
 /// Least-norm solution of a positive semidefinite system.
 fn least_norm(normal: DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {
+    // the decomposition of what is no number does not end
+    if normal.iter().any(|x| !x.is_finite()) {
+        return DVector::zeros(right.len());
+    }
     let eigen = normal.symmetric_eigen();
     let largest = eigen.eigenvalues.iter().fold(0.0f64, |a, &b| a.max(b));
     let mut solution = DVector::zeros(right.len());
@@ -297,6 +304,9 @@ fn least_norm(normal: DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {
 
 /// The rotation closest to a matrix (Kabsch 1976).
 fn nearest_rotation(matrix: &Matrix3<f64>) -> Rotation3<f64> {
+    if matrix.iter().any(|x| !x.is_finite()) {
+        return Rotation3::identity();
+    }
     let svd = matrix.svd(true, true);
     let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
         return Rotation3::identity();

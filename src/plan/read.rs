@@ -14,6 +14,7 @@
 
 use super::space::{Region, Space};
 use crate::campaign::to_inner;
+use crate::input::{self, InputError, LARGEST_TOML};
 use crate::robot::{JointKind, Robot};
 use serde::Deserialize;
 use std::path::Path;
@@ -23,12 +24,12 @@ use toml::Value;
 #[derive(Debug, thiserror::Error)]
 pub enum LimitsError {
     /// The file cannot be read.
-    #[error("{file}: {source}")]
+    #[error("{file}: cannot be read: {source}")]
     Read {
         /// The file.
         file: String,
         /// Reason.
-        source: std::io::Error,
+        source: InputError,
     },
     /// Not of this form.
     #[error("{file}: {message}")]
@@ -61,7 +62,7 @@ impl Limits {
     /// Whatever does not fit the format, with file and key, what was found and what is accepted.
     pub fn load(path: &Path, robot: &Robot, space: &mut Space) -> Result<(), LimitsError> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|source| LimitsError::Read {
+        let text = input::text(path, LARGEST_TOML).map_err(|source| LimitsError::Read {
             file: file.clone(),
             source,
         })?;
@@ -69,8 +70,7 @@ impl Limits {
             file: file.clone(),
             message,
         };
-        let read: Self =
-            toml::from_str(&text).map_err(|error| form(error.to_string().trim_end().to_owned()))?;
+        let read: Self = input::toml(&text).map_err(form)?;
         read.apply(robot, space).map_err(form)
     }
 

@@ -13,13 +13,12 @@ use mcap::read::ChannelAccumulator;
 use mcap::records::Record;
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// The most that messages of wanted topics may take, bytes.
 const MOST_KEPT: u64 = 2_000_000_000;
-/// The most that all messages of a bag may unpack to, bytes: cameras included, and an end for what unpacks to more and more.
+/// The most that a file of a bag may unpack to, bytes: cameras included.
 const MOST_UNPACKED: u64 = 2_000_000_000_000;
 /// Most topics, and most frame pairs of a topic: beyond, a file is damaged or made to harm.
 const MOST_NAMES: usize = 10_000;
@@ -114,7 +113,6 @@ pub fn read_bag(path: &Path, wanted: impl Fn(&Topic) -> bool) -> Result<Bag, Rec
         span: None,
         campaign: false,
         kept: 0,
-        unpacked: 0,
         names: Vec::<String>::new().into(),
     };
     let files = files(path)?;
@@ -174,9 +172,9 @@ fn files(path: &Path) -> Result<Vec<PathBuf>, RecordingError> {
             None => Ok(vec![path.to_owned()]),
         };
     }
-    let unread = |source| RecordingError::Read {
+    let unread = |source: std::io::Error| RecordingError::Read {
         file: file.clone(),
-        source,
+        source: source.into(),
     };
     let mut found = Vec::new();
     for entry in std::fs::read_dir(path).map_err(unread)? {
@@ -211,7 +209,6 @@ struct Reading<W> {
     span: Option<(i64, i64)>,
     campaign: bool,
     kept: u64,
-    unpacked: u64,
     /// Names of the last joint message: most have the same.
     names: Arc<[String]>,
 }
@@ -219,17 +216,19 @@ struct Reading<W> {
 impl<W: Fn(&Topic) -> bool> Reading<W> {
     fn file(&mut self, path: &Path) -> Result<(), RecordingError> {
         let file = path.display().to_string();
-        let input = File::open(path).map_err(|source| RecordingError::Read {
-            file: file.clone(),
-            source,
-        })?;
         let mut channels = ChannelAccumulator::default();
         let damaged = |error: mcap::McapError| damaged(&file, &error);
-        let read = each_record(&file, input, |record| match record {
-            Record::Schema { header, data } => channels
-                .add_schema_from_slice(header, &data)
-                .map_err(damaged),
-            Record::Channel(channel) => channels.add_channel(channel).map_err(damaged),
+        let read = each_record(path, MOST_UNPACKED, |record| match record {
+            Record::Schema { header, .. } => {
+                self.keeps(&file, header.name.len())?;
+                // types are known by name
+                channels.add_schema_from_slice(header, &[]).map_err(damaged)
+            }
+            Record::Channel(mut channel) => {
+                channel.metadata.clear();
+                self.keeps(&file, channel.topic.len())?;
+                channels.add_channel(channel).map_err(damaged)
+            }
             Record::Message { header, data } => {
                 let channel = channels.get(header.channel_id).ok_or_else(|| {
                     damaged(mcap::McapError::UnknownChannel(
@@ -257,6 +256,18 @@ impl<W: Fn(&Topic) -> bool> Reading<W> {
         })
     }
 
+    /// Counts what is held in memory.
+    fn keeps(&mut self, file: &str, bytes: usize) -> Result<(), RecordingError> {
+        self.kept += bytes as u64;
+        match self.kept > MOST_KEPT {
+            false => Ok(()),
+            true => Err(RecordingError::TooLarge {
+                file: file.into(),
+                limit: "2 GB of messages on the topics asked for".into(),
+            }),
+        }
+    }
+
     fn message(
         &mut self,
         file: &str,
@@ -268,10 +279,6 @@ impl<W: Fn(&Topic) -> bool> Reading<W> {
             file: file.into(),
             limit: limit.into(),
         };
-        self.unpacked += data.len() as u64;
-        if self.unpacked > MOST_UNPACKED {
-            return Err(too_large("2 TB of messages"));
-        }
         let kind = match &channel.schema {
             Some(schema) => schema.name.clone(),
             None => "no type".into(),
@@ -296,10 +303,7 @@ impl<W: Fn(&Topic) -> bool> Reading<W> {
         let Some(empty) = Samples::of(&topic.kind) else {
             return Ok(());
         };
-        self.kept += data.len() as u64;
-        if self.kept > MOST_KEPT {
-            return Err(too_large("2 GB of messages on the topics asked for"));
-        }
+        self.keeps(file, data.len())?;
         let refuse = |problem| RecordingError::Message {
             file: file.into(),
             topic: channel.topic.clone(),

@@ -1,18 +1,19 @@
 //! Why a recording could not be read or written.
 
 use crate::campaign::CampaignError;
+use crate::input::InputError;
 use crate::robot::RobotError;
 
 /// Why a recording could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordingError {
-    /// The file system refused to read.
+    /// No file that is read here: missing, too large, of another kind.
     #[error("{file}: cannot be read: {source}")]
     Read {
         /// The recording.
         file: String,
-        /// What the system says.
-        source: std::io::Error,
+        /// Why.
+        source: InputError,
     },
     /// Writing failed; what was there before is untouched.
     #[error("{file}: cannot be written: {source}")]

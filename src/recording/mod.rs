@@ -9,6 +9,7 @@ mod bag;
 mod cloud;
 mod description;
 mod error;
+mod framing;
 mod messages;
 mod read;
 mod records;

@@ -14,18 +14,15 @@ use super::{
 };
 use crate::campaign::{
     Campaign, Document, Payload, Reading, RobotFile, Split, Target, Wrench, plain_file_name,
-    read_at_most, unit_quaternion,
+    unit_quaternion,
 };
+use crate::input::{LARGEST_RECORDING, MOST_READINGS};
 use crate::robot::Robot;
 use mcap::read::ChannelAccumulator;
 use mcap::records::Record;
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::path::Path;
-
-/// Largest recording, and the most that its messages may unpack to, bytes.
-const LARGEST: u64 = 2_000_000_000;
-const LARGEST_NAME: &str = "2 GB";
 
 /// Reads a recording written by [`write_campaign`](super::write_campaign), equal in every bit.
 ///
@@ -71,17 +68,7 @@ pub fn read_recording(path: &Path) -> Result<Recording, RecordingError> {
 
 fn read(path: &Path, with_results: bool) -> Result<Recording, RecordingError> {
     let file = path.display().to_string();
-    let bytes = read_at_most(path, LARGEST).map_err(|source| RecordingError::Read {
-        file: file.clone(),
-        source,
-    })?;
-    let Some(bytes) = bytes else {
-        return Err(RecordingError::TooLarge {
-            file,
-            limit: LARGEST_NAME.into(),
-        });
-    };
-    let mut contents = Contents::read(&file, &bytes, with_results)?;
+    let mut contents = Contents::read(path, &file, with_results)?;
     let efforts: BTreeMap<u64, Vec<f64>> = contents.efforts();
     let holds = contents.holds(&file)?;
     let campaign = contents.campaign(&file)?;
@@ -120,18 +107,17 @@ struct Contents {
     clouds: BTreeMap<u64, PointCloud>,
     progress: Vec<Progress>,
     verdict: String,
-    unpacked: u64,
 }
 
 impl Contents {
     /// Reads every record to the end, so that a file cut off anywhere is refused.
-    fn read(file: &str, bytes: &[u8], with_results: bool) -> Result<Self, RecordingError> {
+    fn read(path: &Path, file: &str, with_results: bool) -> Result<Self, RecordingError> {
         let mut channels = ChannelAccumulator::default();
         let mut contents = Self {
             with_results,
             ..Self::default()
         };
-        each_record(file, bytes, |record| {
+        each_record(path, LARGEST_RECORDING, |record| {
             contents.take(file, record, &mut channels)
         })?;
         Ok(contents)
@@ -150,13 +136,6 @@ impl Contents {
                 .map_err(damaged),
             Record::Channel(channel) => channels.add_channel(channel).map_err(damaged),
             Record::Message { header, data } => {
-                self.unpacked += data.len() as u64;
-                if self.unpacked > LARGEST {
-                    return Err(RecordingError::TooLarge {
-                        file: file.into(),
-                        limit: format!("{LARGEST_NAME} of messages"),
-                    });
-                }
                 let channel = channels.get(header.channel_id).ok_or_else(|| {
                     damaged(mcap::McapError::UnknownChannel(
                         header.sequence,
@@ -203,6 +182,7 @@ impl Contents {
             TRACKER_POSE => at.keep(&mut self.poses, at.decode(channel, data)?),
             WRENCH => at.keep(&mut self.wrenches, at.decode(channel, data)?),
             READING => {
+                at.check_count(self.readings.len())?;
                 self.readings.push((time, at.decode(channel, data)?));
                 Ok(())
             }
@@ -211,6 +191,7 @@ impl Contents {
             LADDER_RUNG => at.keep(&mut self.rungs, at.decode(channel, data)?),
             LADDER_CLOUD => at.keep(&mut self.clouds, at.decode(channel, data)?),
             FIT_PROGRESS => {
+                at.check_count(self.progress.len())?;
                 let progress: FitProgress = at.decode(channel, data)?;
                 self.progress.push(Progress {
                     step: progress.rung as usize,
@@ -459,9 +440,20 @@ impl Place<'_> {
     }
 
     fn keep<M>(&self, messages: &mut BTreeMap<u64, M>, message: M) -> Result<(), RecordingError> {
+        self.check_count(messages.len())?;
         match messages.insert(self.time, message) {
             None => Ok(()),
             Some(_) => Err(self.refuse("two messages at one log time".into())),
+        }
+    }
+
+    /// Is there room for one more?
+    fn check_count(&self, messages: usize) -> Result<(), RecordingError> {
+        match messages < MOST_READINGS {
+            true => Ok(()),
+            false => Err(self.refuse(format!(
+                "found more than {MOST_READINGS} messages; accepted: at most {MOST_READINGS}"
+            ))),
         }
     }
 

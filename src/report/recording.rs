@@ -3,14 +3,13 @@
 use super::diagnosis::words_of_verdict;
 use super::format::{angle, length};
 use super::ladder::stopped_because;
-use crate::campaign::Campaign;
+use crate::campaign::{Campaign, Reading};
 use crate::diagnosis::Diagnosis;
+use crate::fit::alike::Alike;
 use crate::fit::{Errors, Fit};
 use crate::ladder::Ladder;
-use crate::model::Workspace;
 use crate::recording::{Progress, Results, Step};
 use nalgebra::Isometry3;
-use rayon::prelude::*;
 use std::fmt::Write;
 
 /// A fit beside that of the frames alone, if it has more than them.
@@ -55,35 +54,26 @@ fn results(campaign: &Campaign, steps: &[(&str, &Fit)], verdict: &str) -> Result
         verdict: markdown(campaign, steps, verdict),
         ..Results::default()
     };
+    let readings: Vec<&Reading> = campaign.readings.iter().collect();
     for (index, (added, fit)) in steps.iter().enumerate() {
         let is_last = index + 1 == steps.len();
-        let seen: Vec<Seen> = campaign
-            .readings
-            .par_iter()
-            .map_init(
-                || Workspace::new(&fit.model.setup),
-                |workspace, reading| {
-                    let (model, p) = (&fit.model, &fit.values[..]);
-                    let torques = match is_last {
-                        true => workspace.joint_torques(model, p, reading),
-                        false => Vec::new(),
-                    };
-                    let predicted = workspace.predict(model, p, reading);
-                    Seen {
-                        target: Isometry3::from_parts(
-                            predicted.position.into(),
-                            predicted.orientation,
-                        ),
-                        tracker: workspace.base_from_tracker(),
-                        links: match is_last {
-                            true => workspace.links(&model.setup),
-                            false => Vec::new(),
-                        },
-                        torques,
-                    }
+        let model = &fit.model;
+        let alike = Alike::of(model, &readings);
+        let seen = alike.map(model, &readings, |workspace, reading| {
+            let predicted = workspace.predict(model, &fit.values, reading);
+            Seen {
+                target: Isometry3::from_parts(predicted.position.into(), predicted.orientation),
+                tracker: workspace.base_from_tracker(),
+                links: match is_last {
+                    true => workspace.links(&model.setup),
+                    false => Vec::new(),
                 },
-            )
-            .collect();
+                torques: match is_last {
+                    true => workspace.torques(model, reading),
+                    false => Vec::new(),
+                },
+            }
+        });
         let first = seen.first().map(|seen| seen.tracker);
         found.steps.push(Step {
             added: (*added).to_owned(),
@@ -108,6 +98,7 @@ fn results(campaign: &Campaign, steps: &[(&str, &Fit)], verdict: &str) -> Result
 }
 
 /// What a model says of one reading.
+#[derive(Clone)]
 struct Seen {
     target: Isometry3<f64>,
     tracker: Isometry3<f64>,

@@ -16,6 +16,7 @@ use serde::Deserialize;
 
 use super::tree::{MAX_LINKS, Tree, TreeJoint, TreeLink, too_many_links};
 use super::{JointKind, RobotError};
+use crate::input;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -92,7 +93,7 @@ enum Kind {
 
 /// Reads a DH table.
 pub(super) fn read(file: &str, text: &str) -> Result<Tree, RobotError> {
-    let table: Table = toml::from_str(text).map_err(|error| located(file, text, &error))?;
+    let table = parse(file, text)?;
     if table.joint.is_empty() {
         return Err(RobotError::refused(
             file,
@@ -103,7 +104,7 @@ pub(super) fn read(file: &str, text: &str) -> Result<Tree, RobotError> {
     }
     // Base and flange come on top of the rows.
     if table.joint.len() + 2 > MAX_LINKS {
-        return Err(too_many_links(file, table.joint.len() + 2));
+        return Err(too_many_links(file, 0, table.joint.len()));
     }
     let base_place = Place::new(file, "[base]");
     let tool_place = Place::new(file, "[tool]");
@@ -181,7 +182,7 @@ pub(crate) struct Ends {
 /// Reads that of a table that was accepted before.
 pub(crate) fn ends(file: &str, text: &str) -> Result<Ends, RobotError> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let table: Table = toml::from_str(text).map_err(|error| located(file, text, &error))?;
+    let table = parse(file, text)?;
     let place = Place::new(file, "joint");
     let row = match table.convention {
         Convention::Modified => table.joint.first(),
@@ -201,6 +202,12 @@ pub(crate) fn ends(file: &str, text: &str) -> Result<Ends, RobotError> {
         tool: mount_pose(&Place::new(file, "[tool]"), table.tool.as_ref())?,
         free,
     })
+}
+
+fn parse(file: &str, text: &str) -> Result<Table, RobotError> {
+    let accepted = "a DH table has name, convention and [[joint]] rows";
+    input::toml_depth(text).map_err(|found| RobotError::refused(file, "TOML", found, accepted))?;
+    toml::from_str(text).map_err(|error| located(file, text, &error))
 }
 
 /// A message of the TOML parser with the line it is about, and the row if it is in one.
@@ -226,9 +233,19 @@ fn located(file: &str, text: &str, error: &toml::de::Error) -> RobotError {
     RobotError::refused(
         file,
         place,
-        error.message().replace('\n', " "),
+        short(error.message()),
         "a DH table has name, convention and [[joint]] rows",
     )
+}
+
+/// A message on one line, shortened: it quotes keys of any length.
+fn short(message: &str) -> String {
+    let mut letters = message.replace('\n', " ");
+    if let Some((end, _)) = letters.char_indices().nth(400) {
+        letters.truncate(end);
+        letters.push('…');
+    }
+    letters
 }
 
 /// A name for the fixed joint of the flange that no row has taken.

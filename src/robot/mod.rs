@@ -11,6 +11,7 @@ mod urdf;
 mod write;
 mod xml;
 
+use crate::input;
 use std::path::Path;
 
 use nalgebra::{Isometry3, Unit, Vector3};
@@ -135,9 +136,21 @@ impl Robot {
     /// # Errors
     /// Whatever keeps the file from being one serial or branched arm, naming the file and the place in it.
     pub fn load(path: &Path, base: Option<&str>) -> Result<Robot, RobotError> {
-        let file_name = path.display().to_string();
-        let text = error::read_text(path, &file_name)?;
-        read(&file_name, &text, base, path.parent())
+        Ok(Self::load_with_text(path, base)?.0)
+    }
+
+    /// The same with the text of the file, which recordings carry along.
+    pub(crate) fn load_with_text(
+        path: &Path,
+        base: Option<&str>,
+    ) -> Result<(Robot, String), RobotError> {
+        let file = path.display().to_string();
+        let limit = format(&file)?.largest();
+        let text = input::text(path, limit).map_err(|source| RobotError::Unreadable {
+            file: file.clone(),
+            source,
+        })?;
+        Ok((read(&file, &text, base, path.parent())?, text))
     }
 
     /// The same for text already in memory; `file_name` decides the format and appears in messages.
@@ -206,22 +219,51 @@ fn read(
     base: Option<&str>,
     folder: Option<&Path>,
 ) -> Result<Robot, RobotError> {
-    error::check_size(file, text.len() as u64)?;
+    let format = format(file)?;
+    if text.len() as u64 > format.largest() {
+        return Err(RobotError::Unreadable {
+            file: file.to_owned(),
+            source: input::too_large(format.largest()),
+        });
+    }
     // Editors on some systems put a byte order mark first; neither parser wants it.
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
+    let tree = match format {
+        Format::Urdf => urdf::read(file, text, folder)?,
+        Format::Dh => dh::read(file, text)?,
+    };
+    tree.assemble(file, base)
+}
+
+/// What a robot file is written in.
+#[derive(Clone, Copy)]
+enum Format {
+    Urdf,
+    Dh,
+}
+
+impl Format {
+    /// Largest file, bytes.
+    fn largest(self) -> u64 {
+        match self {
+            Format::Urdf => input::LARGEST_URDF,
+            Format::Dh => input::LARGEST_TOML,
+        }
+    }
+}
+
+/// The format by the ending of the file's name.
+fn format(file: &str) -> Result<Format, RobotError> {
     let ending = Path::new(file)
         .extension()
         .and_then(|ending| ending.to_str())
         .unwrap_or_default()
         .to_ascii_lowercase();
-    let tree = match ending.as_str() {
-        "urdf" | "xml" => urdf::read(file, text, folder)?,
-        "toml" => dh::read(file, text)?,
-        _ => {
-            return Err(RobotError::Ending {
-                file: file.to_owned(),
-            });
-        }
-    };
-    tree.assemble(file, base)
+    match ending.as_str() {
+        "urdf" | "xml" => Ok(Format::Urdf),
+        "toml" => Ok(Format::Dh),
+        _ => Err(RobotError::Ending {
+            file: file.to_owned(),
+        }),
+    }
 }

@@ -78,7 +78,7 @@ impl Tree {
             ));
         }
         if self.links.len() > MAX_LINKS {
-            return Err(too_many_links(file, self.links.len()));
+            return Err(too_many_links(file, self.links.len(), self.joints.len()));
         }
         let mut links = BTreeMap::new();
         for (index, link) in self.links.iter().enumerate() {
@@ -345,12 +345,15 @@ fn place(robot: &mut Robot, link: &TreeLink, body: usize, body_from_link: Isomet
     });
 }
 
-/// The message for a file with an absurd number of links.
-pub(super) fn too_many_links(file: &str, count: usize) -> RobotError {
+/// The message for a file with an absurd number of links or joints, counted so far.
+pub(super) fn too_many_links(file: &str, links: usize, joints: usize) -> RobotError {
     RobotError::refused(
         file,
         "robot",
-        format!("has {count} links"),
+        match links >= joints {
+            true => format!("has {links} links"),
+            false => format!("has {joints} joints"),
+        },
         format!("at most {MAX_LINKS} are accepted"),
     )
 }

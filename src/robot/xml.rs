@@ -9,6 +9,8 @@ use super::tree::{MAX_LINKS, too_many_links};
 
 /// `robot/link/visual/material/color` is 5 deep; extensions go a little further.
 const MAX_DEPTH: usize = 32;
+/// Most attributes of a tag: each name is compared with each.
+const MAX_ATTRIBUTES: usize = 64;
 /// Attributes that hold several numbers.
 const VECTORS: [&str; 6] = ["xyz", "rpy", "size", "rgba", "scale", "quat_xyzw"];
 
@@ -122,7 +124,7 @@ pub(super) fn outline<'a>(file: &str, text: &'a str) -> Result<Outline<'a>, Robo
     // Whether the tags now read belong to the last part, and in it to an inertial.
     let mut inside = false;
     let mut inertial = false;
-    let mut links = 0;
+    let (mut links, mut joints) = (0, 0);
     let mut rest = text;
     let mut line = 1;
     while let Some(start) = rest.find('<') {
@@ -180,8 +182,10 @@ pub(super) fn outline<'a>(file: &str, text: &'a str) -> Result<Outline<'a>, Robo
             inside = matches!(tag.name, "link" | "joint" | "material");
             if inside {
                 links += usize::from(tag.name == "link");
-                if links > MAX_LINKS {
-                    return Err(too_many_links(file, links));
+                joints += usize::from(tag.name == "joint");
+                // in a tree there is one joint less than there are links
+                if links.max(joints) > MAX_LINKS {
+                    return Err(too_many_links(file, links, joints));
                 }
                 parts.push(Part {
                     kind: tag.name,
@@ -280,7 +284,10 @@ fn read_tag(text: &str) -> Option<Tag<'_>> {
                 rest = rest.trim_start().strip_prefix('=')?.trim_start();
                 let quote = rest.chars().next().filter(|&c| c == '"' || c == '\'')?;
                 let (value, after) = rest[1..].split_once(quote)?;
-                if closing || value.contains('<') || attributes.iter().any(|&(n, _)| n == attribute)
+                if closing
+                    || value.contains('<')
+                    || attributes.len() == MAX_ATTRIBUTES
+                    || attributes.iter().any(|&(n, _)| n == attribute)
                 {
                     return None;
                 }

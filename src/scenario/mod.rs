@@ -159,12 +159,12 @@ pub struct Truth {
 #[derive(Debug, thiserror::Error)]
 pub enum ScenarioError {
     /// A file cannot be read.
-    #[error("{file}: {source}")]
+    #[error("{file}: cannot be read: {source}")]
     Read {
         /// The file.
         file: String,
         /// Reason.
-        source: std::io::Error,
+        source: crate::input::InputError,
     },
     /// Not TOML of this form.
     #[error("{file}: {message}")]

@@ -8,7 +8,8 @@ use super::expect::Expect;
 use super::workspace::Workspace;
 use super::{Job, Scenario, ScenarioError, Truth, presets};
 use crate::campaign::{Document, Noise, RobotFile};
-use crate::effects::table::{Choice, TableError, unique};
+use crate::effects::table::{Choice, TableError, check_count, unique};
+use crate::input::{self, LARGEST_TOML, MOST_READINGS};
 use crate::plan::space::{Space, generator};
 use crate::robot::{Robot, RobotError};
 use crate::setup::Setup;
@@ -18,9 +19,6 @@ use rand::RngExt;
 use rand_distr::StandardNormal;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
-
-/// Readings of one campaign at most.
-const MOST_READINGS: usize = 1_000_000;
 
 /// What a scenario has beside the keys of a campaign file.
 #[derive(Debug, Deserialize)]
@@ -147,12 +145,9 @@ impl Scenario {
             file: file.clone(),
             message,
         };
-        let text = std::fs::read_to_string(path).map_err(|source| ScenarioError::Read {
-            file: file.clone(),
-            source,
-        })?;
+        let text = read_text(path)?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        let all: toml::Table = toml::from_str(&text).map_err(|error| form(plain(&error)))?;
+        let all: toml::Table = input::toml(&text).map_err(&form)?;
         let (all, text) = layered(&file, folder, all, text)?;
         let without_truth = public(&all).map_err(|error| form(error.to_string()))?;
         let shared = ["robot", "base", "gravity", "target", "frames", "noise"];
@@ -164,14 +159,9 @@ impl Scenario {
             .try_into()
             .map_err(|error: toml::de::Error| form(plain(&error)))?;
         let robot_path = folder.join(&document.robot);
-        let robot_text =
-            std::fs::read_to_string(&robot_path).map_err(|source| ScenarioError::Read {
-                file: robot_path.display().to_string(),
-                source,
-            })?;
         let robot_name = robot_path.display().to_string();
-        let parsed = Robot::load(&robot_path, document.base.as_deref());
-        let robot = parsed.map_err(|error: RobotError| {
+        let loaded = Robot::load_with_text(&robot_path, document.base.as_deref());
+        let (robot, robot_text) = loaded.map_err(|error: RobotError| {
             ScenarioError::Campaign(crate::campaign::CampaignError::from(error))
         })?;
         let settings = document.settle(&file, &robot)?;
@@ -300,13 +290,10 @@ fn layered(
         )));
     }
     let path = folder.join(&like);
-    let below = std::fs::read_to_string(&path).map_err(|source| ScenarioError::Read {
+    let below = read_text(&path)?;
+    let mut all: toml::Table = input::toml(&below).map_err(|message| ScenarioError::Form {
         file: path.display().to_string(),
-        source,
-    })?;
-    let mut all: toml::Table = toml::from_str(&below).map_err(|error| ScenarioError::Form {
-        file: path.display().to_string(),
-        message: plain(&error),
+        message,
     })?;
     if all.contains_key("like") {
         return Err(form(format!(
@@ -324,6 +311,13 @@ fn layered(
     Ok((all, format!("{below}\n# but for:\n{text}")))
 }
 
+fn read_text(path: &Path) -> Result<String, ScenarioError> {
+    input::text(path, LARGEST_TOML).map_err(|source| ScenarioError::Read {
+        file: path.display().to_string(),
+        source,
+    })
+}
+
 /// The scenario without what scoring alone may read.
 fn public(all: &toml::Table) -> Result<String, toml::ser::Error> {
     let kept = all.iter();
@@ -334,9 +328,7 @@ fn public(all: &toml::Table) -> Result<String, toml::ser::Error> {
 
 /// A TOML error in a user's words.
 fn plain(error: &toml::de::Error) -> String {
-    let text = error.to_string();
-    text.trim_end()
-        .replace("expected usize", "expected a whole number, 0 or more")
+    input::toml_message(error, "").replace("expected usize", "expected a whole number, 0 or more")
 }
 
 /// A campaign that says "no noise at all" would be believed; one of a perfect plant says nothing.
@@ -445,6 +437,7 @@ pub(super) fn truths(
         file: file.to_owned(),
         message,
     };
+    check_count(file, tables.len())?;
     let mut random = generator(seed, stream::TRUTH);
     let mut choices = Vec::new();
     let mut truths = Vec::new();

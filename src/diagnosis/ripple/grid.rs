@@ -21,7 +21,7 @@ pub const TYPICAL: f64 = 3e-5;
 /// Pairs whose weaker direction has less than this (σ for a typical amplitude) are not counted.
 const FAINT: f64 = 0.05;
 /// Frequencies in one product of matrices.
-const BATCH: usize = 64;
+const BATCH: usize = 128;
 
 /// Products of a pair's columns with each other and with the residual, the basis partialled out.
 #[derive(Debug, Clone, Copy, Default)]
@@ -170,19 +170,37 @@ impl Grid {
         let of = |batch: Range<usize>| {
             let mut sin = DMatrix::zeros(batch.len(), angles.len());
             let mut cos = sin.clone();
-            for (k, &q) in angles.iter().enumerate() {
-                // the next frequency by turning the last: exact to rounding over a batch
-                let (mut s, mut c) = (self.frequency(batch.start) * q).sin_cos();
-                let (turn_s, turn_c) = (self.step * q).sin_cos();
-                for i in 0..batch.len() {
-                    sin[(i, k)] = s;
-                    cos[(i, k)] = c;
-                    (s, c) = (s * turn_c + c * turn_s, c * turn_c - s * turn_s);
-                }
+            let columns = sin.column_iter_mut().zip(cos.column_iter_mut());
+            for ((mut sin, mut cos), &q) in columns.zip(angles) {
+                let start = self.frequency(batch.start) * q;
+                turned(sin.as_mut_slice(), cos.as_mut_slice(), start, self.step * q);
             }
             then(batch, &sin, &cos)
         };
         batches.into_par_iter().map(of).collect()
+    }
+}
+
+/// Sines and cosines of `start`, `start + step`, …: each by turning the one a stride before, exact to rounding.
+fn turned(sin: &mut [f64], cos: &mut [f64], start: f64, step: f64) {
+    /// So many at once, which none of them waits for.
+    const STRIDE: usize = 8;
+    let (turn_s, turn_c) = step.sin_cos();
+    let (mut a, mut b) = start.sin_cos();
+    for (s, c) in sin.iter_mut().zip(&mut *cos).take(STRIDE) {
+        (*s, *c) = (a, b);
+        (a, b) = (a * turn_c + b * turn_s, b * turn_c - a * turn_s);
+    }
+    let (turn_s, turn_c) = (step * STRIDE as f64).sin_cos();
+    let (mut sin, mut cos) = (sin, cos);
+    while sin.len() > STRIDE {
+        let (before_s, rest_s) = sin.split_at_mut(STRIDE);
+        let (before_c, rest_c) = cos.split_at_mut(STRIDE);
+        let before = before_s.iter().zip(&*before_c);
+        for ((s, c), (a, b)) in rest_s.iter_mut().zip(&mut *rest_c).zip(before) {
+            (*s, *c) = (a * turn_c + b * turn_s, b * turn_c - a * turn_s);
+        }
+        (sin, cos) = (rest_s, rest_c);
     }
 }
 

@@ -282,7 +282,7 @@ impl<'a> Search<'a> {
                 fresh += cross.component_mul(&wave);
             }
             let fresh = fresh * turn;
-            products.residual -= &fresh * &taken;
+            products.residual -= &fresh * taken;
             append(&mut products.basis, fresh.as_view());
         });
         self.directions += 2;

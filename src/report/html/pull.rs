@@ -35,7 +35,7 @@ pub(super) fn seen(fit: &Fit, readings: &[&Reading]) -> Vec<Seen> {
             for (place, &joint) in setup.observed.iter().enumerate() {
                 rates.set_column(place, &all.fixed_view::<6, 1>(0, joint));
             }
-            let torques = workspace.joint_torques(&fit.model, &fit.values, reading);
+            let torques = workspace.torques(&fit.model, reading);
             (rates, torques)
         });
     let left = residuals(&fit.model, &fit.values, readings);
