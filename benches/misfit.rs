@@ -130,14 +130,8 @@ fn statics(c: &mut Criterion) {
     let mut plant = Plant::build(&spec).unwrap();
     let commands: Vec<Command> = design::visits(&scenario)
         .unwrap()
-        .into_iter()
-        .map(|visit| Command {
-            approach: vec![visit.direction; visit.joints.len()],
-            loads: vec![scenario.design.loads[visit.load].on(visit.target)],
-            joints: visit.joints,
-            time: 0.0,
-            temperature: 0.0,
-        })
+        .iter()
+        .map(|visit| visit.command(&scenario.design.loads[visit.load]))
         .collect();
     let mut group = c.benchmark_group("mujoco");
     group.throughput(Throughput::Elements(commands.len() as u64));

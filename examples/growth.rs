@@ -201,14 +201,8 @@ fn by_joints() -> anyhow::Result<()> {
         })?;
         let mut plant = Plant::build(&simulate::plant_spec(&scenario)?)?;
         let commands: Vec<Command> = design::visits(&scenario)?
-            .into_iter()
-            .map(|visit| Command {
-                approach: vec![visit.direction; visit.joints.len()],
-                loads: vec![scenario.design.loads[visit.load].on(visit.target)],
-                joints: visit.joints,
-                time: 0.0,
-                temperature: 0.0,
-            })
+            .iter()
+            .map(|visit| visit.command(&scenario.design.loads[visit.load]))
             .collect();
         let statics = seconds(|| {
             for command in &commands {

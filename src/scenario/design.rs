@@ -2,7 +2,7 @@
 
 use super::{Scenario, ScenarioError};
 use crate::plan::space::{Space, TRIES, generator};
-use crate::plant::Load;
+use crate::plant::{Command, Load};
 use nalgebra::Vector3;
 use rand::Rng;
 use rand::seq::SliceRandom;
@@ -96,6 +96,19 @@ pub struct Visit {
     pub repeat: usize,
     /// Joint angles, rad or m.
     pub joints: Vec<f64>,
+}
+
+impl Visit {
+    /// The command of this reading under its load, at the middle of the campaign and its mean temperature.
+    pub fn command(&self, load: &DesignLoad) -> Command {
+        Command {
+            joints: self.joints.clone(),
+            approach: vec![self.direction; self.joints.len()],
+            loads: vec![load.on(self.target)],
+            time: 0.0,
+            temperature: 0.0,
+        }
+    }
 }
 
 /// Purposes of random numbers: each has its own stream, so that none depends on how many another draws.

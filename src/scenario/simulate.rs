@@ -146,10 +146,9 @@ fn take(
     let command = Command {
         // the encoder reads the command; the joint repeats it only so well
         joints: joints.map(|(q, draw)| q + draw * noise.joint).collect(),
-        approach: vec![visit.direction; visit.joints.len()],
-        loads: vec![load.on(visit.target)],
         time: moment.from_middle,
         temperature: moment.above_mean,
+        ..visit.command(&load)
     };
     let state = plant.state(&command)?;
     let seen = read(spec, &command, &state, visit.target, noise, draws);
