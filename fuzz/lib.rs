@@ -1,5 +1,6 @@
 //! What the targets share: folders in memory, with the files that an input stands beside.
 
+use misfit::robot::Robot;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -37,6 +38,21 @@ impl Folder {
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(&path, bytes).unwrap();
         path
+    }
+}
+
+/// A robot file, by the ending of its name: refused, or a robot whose poses are numbers.
+pub fn robot(file: &str, text: &str) {
+    match Robot::parse(file, text, None) {
+        Err(error) => refused(&error),
+        Ok(robot) => {
+            let poses = robot.body_poses(&vec![0.5; robot.joints.len()]);
+            let mut numbers = poses.iter().flat_map(|pose| {
+                let matrix = pose.to_homogeneous();
+                matrix.iter().copied().collect::<Vec<f64>>()
+            });
+            assert!(numbers.all(f64::is_finite));
+        }
     }
 }
 
