@@ -1812,6 +1812,22 @@ fn places_that_cannot_be_written_are_refused() {
         &["run", "s.toml", "-o", "file/deep"],
         &["file/deep: cannot be made"],
     );
+    let campaign = lab().join("cell.mcap");
+    let campaign = campaign.to_str().unwrap();
+    for words in [
+        &["report", campaign, "-o", "gone/x.html"][..],
+        &["fit", campaign, "--report", "gone/x.html"],
+        &["diagnose", campaign, "--report", "gone/x.html"],
+        &["ladder", campaign, "-o", "gone/x.toml"],
+        &["fit", campaign, "--record", "gone/x.mcap"],
+    ] {
+        // the folder is named, not the temporary file that would have been in it
+        refused(
+            at,
+            words,
+            &["gone/x.", "cannot be written: gone is no folder"],
+        );
+    }
     let expected = ["file", "folder.mcap", "s.toml"];
     assert_eq!(files(at), expected.map(str::to_owned).into());
     assert_eq!(fs::read_to_string(at.join("file")).unwrap(), "mine");

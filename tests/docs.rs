@@ -2,7 +2,8 @@
 //!
 //! In a fenced block a line `$ …` is a command, the lines below it are lines of its output as they stand there, and `…`
 //! stands for lines left out. `$ echo $?` asks for the exit code of the command before; every other command ends with 0.
-//! A block whose fence names a file (` ```toml limits.toml `) is that file: the reader is to write it, or has it. A page is run from top to bottom in a folder of its own, with the folders of the sources that its commands name.
+//! A block whose fence names a file (` ```toml limits.toml `) is that file: the reader is to write it, or has it. A page
+//! is run from top to bottom in a folder of its own, with the folders of the sources that its commands name.
 
 use serde_json::Value;
 use std::collections::BTreeSet;

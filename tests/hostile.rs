@@ -130,7 +130,15 @@ fn a_tag_of_a_million_attributes_is_refused() {
     let many: String = (0..1_000_000).map(|k| format!(" a{k}=\"\"")).collect();
     let text = format!("<robot name=\"r\"><link name=\"a\"{many}/></robot>");
     let error = soon(|| Robot::parse("wide.urdf", &text, None)).unwrap_err();
-    says(&error, &["wide.urdf", "line 1", "not a complete XML tag"]);
+    says(
+        &error,
+        &[
+            "wide.urdf",
+            "line 1",
+            "not a complete XML tag",
+            "at most 64 attributes",
+        ],
+    );
 }
 
 #[test]

@@ -4,6 +4,21 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
+/// The folder that a file is to be written to.
+pub(crate) fn folder_of(path: &Path) -> io::Result<&Path> {
+    let folder = match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    match folder.is_dir() {
+        true => Ok(folder),
+        false => Err(io::Error::new(
+            io::ErrorKind::NotFound,
+            format!("{} is no folder", folder.display()),
+        )),
+    }
+}
+
 /// Fills a temporary file in the same folder, then renames it to `path`.
 ///
 /// # Errors
@@ -13,10 +28,7 @@ pub fn write_atomically(
     path: &Path,
     fill: impl FnOnce(&mut BufWriter<&File>) -> io::Result<()>,
 ) -> io::Result<()> {
-    let folder = match path.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent,
-        _ => Path::new("."),
-    };
+    let folder = folder_of(path)?;
     let mut builder = tempfile::Builder::new();
     builder.prefix(".misfit-");
     // Temporary files are private by default; a result is not: the user's umask decides.

@@ -21,6 +21,7 @@ pub use read::{Tasks, read_tasks};
 
 pub(crate) use check::plain_file_name;
 pub(crate) use document::{Document, Keys, render as render_document};
+pub(crate) use files::folder_of;
 pub use files::write_atomically;
 pub(crate) use read::read_toml;
 pub(crate) use render::render_commands;

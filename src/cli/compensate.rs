@@ -103,14 +103,12 @@ fn output_path(text: &str) -> Result<PathBuf, String> {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    if let Some(output) = &arguments.output {
-        let read = [
-            Some(arguments.tasks.as_path()),
-            arguments.model.as_deref(),
-            arguments.limits.as_deref(),
-        ];
-        super::spare(output, &arguments.campaign, &read)?;
-    }
+    let read = [
+        Some(arguments.tasks.as_path()),
+        arguments.model.as_deref(),
+        arguments.limits.as_deref(),
+    ];
+    super::writable(&[arguments.output.as_deref()], &arguments.campaign, &read)?;
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     let Tasks {

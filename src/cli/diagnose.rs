@@ -46,15 +46,13 @@ pub struct Arguments {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    if let Some(file) = &arguments.save_model {
-        super::spare(
-            file,
-            &arguments.campaign,
-            &[arguments.candidates.as_deref()],
-        )?;
-    }
+    let outputs = [
+        arguments.save_model.as_deref(),
+        arguments.record.record.as_deref(),
+        arguments.report.as_deref(),
+    ];
     let others = [arguments.candidates.as_deref(), arguments.model.as_deref()];
-    arguments.record.spare(&arguments.campaign, &others)?;
+    super::writable(&outputs, &arguments.campaign, &others)?;
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     let model = model_file::model(

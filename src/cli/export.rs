@@ -75,7 +75,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             "--target and --four-numbers are for DH tables: -o FILE.toml",
         ));
     }
-    super::spare(path, &arguments.campaign, &[arguments.model.as_deref()])?;
+    let others = [arguments.model.as_deref()];
+    super::writable(&[Some(path)], &arguments.campaign, &others)?;
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     let target = if is_table {

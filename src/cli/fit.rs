@@ -55,8 +55,11 @@ enum Method {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let others = [arguments.model.as_deref()];
-    arguments.record.spare(&arguments.campaign, &others)?;
+    let outputs = [
+        arguments.record.record.as_deref(),
+        arguments.report.as_deref(),
+    ];
+    super::writable(&outputs, &arguments.campaign, &[arguments.model.as_deref()])?;
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     if arguments.method == Method::Paper {

@@ -21,6 +21,7 @@ mod simulate;
 mod sweep;
 mod terminal;
 
+use crate::campaign::folder_of;
 use crate::input::{self, LARGEST_TOML};
 use anyhow::Context;
 use clap::{CommandFactory, Parser, Subcommand};
@@ -138,6 +139,19 @@ pub fn message(error: &anyhow::Error) -> String {
 fn usage(message: impl std::fmt::Display) -> anyhow::Error {
     let kind = clap::error::ErrorKind::ValueValidation;
     Arguments::command().error(kind, message).into()
+}
+
+/// Refuses files to be written that are read, or that have no folder: before the work, not after it.
+fn writable(
+    outputs: &[Option<&Path>],
+    campaign: &Path,
+    others: &[Option<&Path>],
+) -> anyhow::Result<()> {
+    for output in outputs.iter().flatten() {
+        folder_of(output).with_context(|| format!("{}: cannot be written", output.display()))?;
+        spare(output, campaign, others)?;
+    }
+    Ok(())
 }
 
 /// Refuses to write over a file that is read: a campaign, its table and robot, and others.

@@ -19,24 +19,6 @@ pub struct Record {
 }
 
 impl Record {
-    /// Refuses to write over what is read, and where there is no folder: before the work, not after it.
-    pub fn spare(&self, campaign: &Path, others: &[Option<&Path>]) -> anyhow::Result<()> {
-        let Some(file) = &self.record else {
-            return Ok(());
-        };
-        let folder = file
-            .parent()
-            .filter(|folder| !folder.as_os_str().is_empty());
-        if let Some(folder) = folder.filter(|folder| !folder.is_dir()) {
-            anyhow::bail!(
-                "{}: cannot be written: {} is no folder",
-                file.display(),
-                folder.display()
-            );
-        }
-        super::spare(file, campaign, others)
-    }
-
     /// Writes it, if it is wanted; the model and the `--json` document are attached. Says where it is.
     pub fn write(
         &self,

@@ -51,6 +51,8 @@ pub(super) fn html_path(text: &str) -> Result<PathBuf, String> {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
+    let others = [arguments.candidates.as_deref()];
+    super::writable(&[Some(&arguments.output)], &arguments.campaign, &others)?;
     let spinner = progress::spinner();
     let campaign = Campaign::load(&arguments.campaign)?;
     let options = Options {

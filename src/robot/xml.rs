@@ -142,7 +142,9 @@ pub(super) fn outline<'a>(file: &str, text: &'a str) -> Result<Outline<'a>, Robo
             let shown: String = rest.chars().take(40).take_while(|&c| c != '\n').collect();
             refuse(
                 format!("`{shown}` is not a complete XML tag"),
-                "tags look like <link name=\"tool0\"/>",
+                &format!(
+                    "tags look like <link name=\"tool0\"/>, with at most {MAX_ATTRIBUTES} attributes, each once"
+                ),
             )
         })?;
         if tag.name.starts_with("xacro:") {
