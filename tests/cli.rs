@@ -571,6 +571,35 @@ fn the_papers_estimator_is_a_method() {
 }
 
 #[test]
+fn one_wrong_number_is_found_by_its_line() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let hidden = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/hidden.toml");
+    done(at, &["simulate", hidden, "--csv", "d"]);
+    let table = at.join("d/readings.csv");
+    let mut rows: Vec<Vec<String>> = fs::read_to_string(&table)
+        .unwrap()
+        .lines()
+        .map(|line| line.split(',').map(str::to_owned).collect())
+        .collect();
+    let x = rows[0].iter().position(|name| name == "x_m").unwrap();
+    rows[7][x] = "-3".to_owned();
+    let rows: Vec<String> = rows.iter().map(|row| row.join(",")).collect();
+    fs::write(&table, rows.join("\n") + "\n").unwrap();
+    let quick = |command| [command, "d/campaign.toml", "--no-cross-validation"];
+    let text = ends(3, at, &quick("fit"));
+    assert!(
+        text.contains("diagnose names the lines that it rejects"),
+        "{text}"
+    );
+    let text = done(at, &quick("diagnose"));
+    assert!(
+        text.contains("239 readings · 1 rejected (lines 8)"),
+        "{text}"
+    );
+}
+
+#[test]
 fn a_fit_that_does_not_converge_says_so_and_ends_with_3() {
     // a start so soft that no step leads out of it
     write(

@@ -283,8 +283,9 @@ fn ending(fit: &Fit) -> String {
     } else {
         wrap(
             &format!(
-                "NOT CONVERGED after {}: the figures above are where it stopped. Try fewer effects, \
-                 or start nearer with --model",
+                "NOT CONVERGED after {}: the figures above are where it stopped. A wrong \
+                 number among the readings does that (diagnose names the lines that it rejects), or too many effects, or \
+                 a start too far off (--model)",
                 count(fit.iterations, "step")
             ),
             2,
