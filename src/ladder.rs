@@ -270,7 +270,7 @@ fn left_out(
             effect: effect.clone(),
             fit: fit.fit,
             heldout: fit.heldout,
-            evidence_lost: diagnosis::evidence(campaign, &fit, &term.effect),
+            evidence_lost: last.evidence_of(&term.effect, &fit, campaign),
         });
     }
     Ok(rows)

@@ -129,6 +129,12 @@ impl Model {
         self.terms.iter().any(|term| term.effect.id() == id)
     }
 
+    /// Does anything of the model give way under load?
+    pub fn is_elastic(&self) -> bool {
+        let elastic = |term: &Term| term.effect.stage() == Stage::Elastic;
+        self.terms.iter().any(elastic)
+    }
+
     /// The term of an effect.
     pub fn term(&self, id: &str) -> Option<&Term> {
         self.terms.iter().find(|term| term.effect.id() == id)
@@ -180,6 +186,8 @@ pub struct Workspace {
     elastic: Vec<Elastic>,
     entries: Vec<Entry>,
     slot_rows: Vec<Option<Row>>,
+    /// By node, and whether its joint frame turns too.
+    by_screw: Vec<Option<Matrix6<f64>>>,
     response: DMatrix<f64>,
     /// What the wrist sensor makes of a change of the true wrench.
     sensor: Matrix6<f64>,
@@ -242,6 +250,7 @@ impl Workspace {
             elastic: Vec::new(),
             entries: Vec::new(),
             slot_rows: vec![None; slots.count],
+            by_screw: vec![None; 2 * nodes],
             response: DMatrix::zeros(0, 0),
             sensor: Matrix6::identity(),
         }
@@ -307,6 +316,11 @@ impl Workspace {
             wrench,
             settled: settled && position.iter().chain(&wrench).all(|x| x.is_finite()),
         }
+    }
+
+    /// The equilibrium of the reading last predicted: a place from where to seek one near to it.
+    pub fn deviations(&self) -> &[f64] {
+        &self.deviations
     }
 
     /// Torque of the load about each joint's axis in the predicted posture, N·m (N for a slide).
@@ -436,10 +450,7 @@ impl Workspace {
     ) -> bool {
         let setup = &model.setup;
         let load = Load::of(setup, reading);
-        let elastic = model
-            .terms
-            .iter()
-            .any(|term| term.effect.stage() == Stage::Elastic);
+        let elastic = model.is_elastic();
         if !(near && elastic) {
             self.deviations.copy_from_slice(&self.rigid);
         }
@@ -549,7 +560,10 @@ impl Workspace {
         self.elastic.iter().map(move |e| {
             let row = (&e.world.0, &e.world.1);
             match &screw {
-                Some(screw) => self.statics.wrench_rate(row, e.node, moved, screw),
+                Some(screw) => {
+                    let rates = self.statics.wrench_rates(row, e.node, moved);
+                    rates.linear.dot(&screw.linear) + rates.angular.dot(&screw.angular)
+                }
                 None => self.statics.load_rate(&model.setup, row, e.node, kind),
             }
         })
@@ -634,9 +648,42 @@ impl Workspace {
         reading: &Reading,
         jacobian: &mut Rows,
     ) -> Prediction {
-        let prediction = self.predict(model, p, reading);
-        jacobian.fill(0.0);
+        self.sensitivity_near(model, p, wanted, reading, jacobian, &[])
+    }
+
+    /// The same, the equilibrium sought from the [`Workspace::deviations`] of one that is near, if there are any.
+    pub fn sensitivity_near(
+        &mut self,
+        model: &Model,
+        p: &[f64],
+        wanted: &[bool],
+        reading: &Reading,
+        jacobian: &mut Rows,
+        near: &[f64],
+    ) -> Prediction {
+        let mut prediction = None;
+        if !near.is_empty() {
+            self.deviations.copy_from_slice(near);
+            let found = self.predict_to(model, p, reading, true, SETTLED);
+            prediction = found.settled.then_some(found);
+        }
+        let prediction = prediction.unwrap_or_else(|| self.predict(model, p, reading));
         self.prepare_response(model, p, reading);
+        self.sensitivity_again(model, p, wanted, reading, jacobian);
+        prediction
+    }
+
+    /// The derivative of a reading that has the prediction of the last one: it differs in nothing, or in what only effects
+    /// with parameters of zero see.
+    pub fn sensitivity_again(
+        &mut self,
+        model: &Model,
+        p: &[f64],
+        wanted: &[bool],
+        reading: &Reading,
+        jacobian: &mut Rows,
+    ) {
+        jacobian.fill(0.0);
         self.entries.clear();
         for index in 0..model.terms.len() {
             self.term_entries(model, index, p, wanted, reading, jacobian);
@@ -648,7 +695,6 @@ impl Workspace {
             column += row * entry.value;
         }
         self.entries = entries;
-        prediction
     }
 
     /// The rows for a unit of each joint's angle, the load following: what a joint's lack of repeatability does
@@ -678,15 +724,12 @@ impl Workspace {
     /// Sets up how the target answers elastic deviations: `response = Y_e (1 - G)⁻¹`, 6 × elastic.
     fn prepare_response(&mut self, model: &Model, p: &[f64], reading: &Reading) {
         self.slot_rows.fill(None);
+        self.by_screw.fill(None);
         self.sensor = match wrench_is_measured(reading) {
             true => self.sensor_gain(model, p, reading),
             false => Matrix6::identity(),
         };
-        if model
-            .terms
-            .iter()
-            .any(|term| term.effect.stage() == Stage::Elastic)
-        {
+        if model.is_elastic() {
             self.find_elastic(model, p, reading);
         } else {
             self.elastic.clear();
@@ -770,18 +813,65 @@ impl Workspace {
         )
     }
 
+    /// What a screw of all that a node carries does to the target as the tracker sees it, the loads following.
+    fn by_screw(
+        &mut self,
+        model: &Model,
+        reading: &Reading,
+        (node, turns_joint_frame): (usize, bool),
+    ) -> Matrix6<f64> {
+        let place = 2 * node + usize::from(turns_joint_frame);
+        if let Some(known) = self.by_screw[place] {
+            return known;
+        }
+        let mut by_screw = Matrix6::zeros();
+        if self
+            .statics
+            .carries(node, model.setup.target_body(reading.target))
+        {
+            let back = self.frames.base_from_tracker.rotation().inverse();
+            let back = back.to_rotation_matrix().into_inner();
+            let scale = 1.0 + self.deviations[self.slots.tracker_scale];
+            let lever = -self.target.translation().cross_matrix();
+            let mut part = |row, column, own: Matrix3<f64>| {
+                by_screw.fixed_view_mut::<3, 3>(row, column).copy_from(&own);
+            };
+            part(0, 0, back * scale);
+            part(0, 3, back * lever * scale);
+            part(3, 3, back);
+        }
+        for (column, e) in self.elastic.iter().enumerate() {
+            let row = (&e.world.0, &e.world.1);
+            let moved = (node, turns_joint_frame);
+            let rates = self.statics.wrench_rates(row, e.node, moved);
+            let rates = stacked(&rates.linear, &rates.angular);
+            by_screw += self.response.fixed_view::<6, 1>(0, column) * rates.transpose();
+        }
+        self.by_screw[place] = Some(by_screw);
+        by_screw
+    }
+
     /// What a unit of a deviation does to the reading, the loads following.
     fn slot_row(&mut self, model: &Model, reading: &Reading, slot: usize) -> Row {
         if let Some(row) = self.slot_rows[slot] {
             return row;
         }
         let kind = self.slots.kind(slot);
-        let mut pose = self.direct_row(model, reading, kind);
-        for (column, answer) in self.answers(model, kind).enumerate() {
-            if answer != 0.0 {
-                pose += self.response.fixed_view::<6, 1>(0, column) * answer;
+        let pose = match self.statics.screw(&model.setup, kind, &self.deviations) {
+            Some(screw) => {
+                let by_screw = self.by_screw(model, reading, Statics::node_of(kind));
+                by_screw * stacked(&screw.linear, &screw.angular)
             }
-        }
+            None => {
+                let mut pose = self.direct_row(model, reading, kind);
+                for (column, answer) in self.answers(model, kind).enumerate() {
+                    if answer != 0.0 {
+                        pose += self.response.fixed_view::<6, 1>(0, column) * answer;
+                    }
+                }
+                pose
+            }
+        };
         let mut row = Row::zeros();
         row.fixed_rows_mut::<6>(0).copy_from(&pose);
         if wrench_is_measured(reading) {

@@ -63,8 +63,6 @@ impl Screw {
 /// Composed posture of all bodies with their loads; a buffer to be used again and again.
 #[derive(Debug, Clone)]
 pub struct Statics {
-    /// By node: pose of the joint frame.
-    joint_frame: Vec<DualQuaternion<f64>>,
     /// By node: rotation matrix of the joint frame.
     rotation: Vec<Matrix3<f64>>,
     /// By node: origin of the joint frame.
@@ -91,6 +89,10 @@ pub struct Statics {
     /// By pair of nodes: does the first carry the second?
     carries: Vec<bool>,
     constants: Vec<DualQuaternion<f64>>,
+    /// Encoder angles and deviations of the posture that stands; empty before the first.
+    placed: (Vec<f64>, Vec<f64>),
+    /// By body: does it move to where it has to stand now?
+    moved: Vec<bool>,
 }
 
 impl Statics {
@@ -109,11 +111,12 @@ impl Statics {
             }
         }
         Self {
-            joint_frame: vec![DualQuaternion::identity(); nodes],
             rotation: vec![Matrix3::identity(); nodes],
             origin: vec![Vector3::zeros(); nodes],
             body: vec![DualQuaternion::identity(); nodes],
             own: vec![(0.0, Vector3::zeros()); nodes],
+            placed: (Vec::new(), Vec::new()),
+            moved: vec![true; nodes],
             mass: vec![0.0; nodes],
             moment: vec![Vector3::zeros(); nodes],
             local_wrench: vec![Vector6::zeros(); nodes],
@@ -132,21 +135,44 @@ impl Statics {
         }
     }
 
-    /// Places every body: encoder angles plus deviations.
+    /// Places every body: encoder angles plus deviations. What stands where it last stood, as the other arm does while
+    /// one bends under its load, is left there.
     pub fn place(&mut self, setup: &Setup, joints: &[f64], deviations: &[f64]) {
-        self.body[0] = displaced(DualQuaternion::identity(), setup, 0, deviations);
+        let first = Slots::of(setup).node(0);
+        let changed = |before: &[f64], now: &[f64]| before != now;
+        let known = self.placed.0.len() == joints.len() && self.placed.1.len() == deviations.len();
+        let displaces = |node: usize| {
+            let own = first + NODE * node..first + NODE * (node + 1);
+            !known || changed(&self.placed.1[own.clone()], &deviations[own])
+        };
+        self.moved[0] = displaces(0);
         for (j, joint) in setup.robot.joints.iter().enumerate() {
+            let turns = !known
+                || changed(&self.placed.0[j..=j], &joints[j..=j])
+                || changed(&self.placed.1[j..=j], &deviations[j..=j]);
+            self.moved[j + 1] = self.moved[joint.parent] || turns || displaces(j + 1);
+        }
+        if self.moved[0] {
+            self.body[0] = displaced(DualQuaternion::identity(), setup, 0, deviations);
+        }
+        for (j, joint) in setup.robot.joints.iter().enumerate() {
+            if !self.moved[j + 1] {
+                continue;
+            }
             let q = joints[j] + deviations[j];
             let motion = match joint.kind {
                 JointKind::Prismatic => DualQuaternion::from_translation(*joint.axis * q),
                 _ => DualQuaternion::from_axis_angle(*joint.axis, q),
             };
             let frame = self.body[joint.parent] * self.constants[j] * motion;
-            self.joint_frame[j + 1] = frame;
             self.rotation[j + 1] = frame.rotation().to_rotation_matrix().into_inner();
             self.origin[j + 1] = frame.translation();
             self.body[j + 1] = displaced(frame, setup, j + 1, deviations);
         }
+        self.placed.0.clear();
+        self.placed.0.extend_from_slice(joints);
+        self.placed.1.clear();
+        self.placed.1.extend_from_slice(deviations);
     }
 
     /// Sums weights and loads from the tips to the base; needs [`Statics::place`] first.
@@ -260,7 +286,7 @@ impl Statics {
     }
 
     /// Change of `row · local_wrench[node]` with a unit of a load's deviation; `row` as for
-    /// [`Statics::wrench_rate`].
+    /// [`Statics::wrench_rates`].
     pub fn load_rate(
         &self,
         setup: &Setup,
@@ -375,39 +401,48 @@ impl Statics {
         (self.rotation[node] * force, self.rotation[node] * torque)
     }
 
-    /// Change of `row · local_wrench[node]` when a deviation moves what it carries by `screw`: the
-    /// geometric stiffness of the loads.
+    /// How `row · local_wrench[node]` changes with the screw by which a deviation moves what it carries, a product with
+    /// each of the screw's vectors: the geometric stiffness of the loads.
     ///
-    /// `row` in the base frame, from [`Statics::world_row`].
-    pub fn wrench_rate(
+    /// `row` in the base frame, from [`Statics::world_row`]. Triple products turned over: `a · (w × b) = w · (b × a)`.
+    pub fn wrench_rates(
         &self,
         (row_force, row_torque): (&Vector3<f64>, &Vector3<f64>),
         node: usize,
         (moved, turns_joint_frame): (usize, bool),
-        screw: &Screw,
-    ) -> f64 {
+    ) -> Screw {
         let frame_moves = self.carries(moved, node) && (moved != node || turns_joint_frame);
         if frame_moves {
             // the node and all it carries turn together; only the weights keep their direction
-            let turned = self.gravity.cross(&screw.angular);
-            return row_force.dot(&turned) * self.mass[node]
-                + row_torque.dot(&self.lever(node).cross(&turned));
+            let along = row_force * self.mass[node] + row_torque.cross(&self.lever(node));
+            return Screw {
+                linear: Vector3::zeros(),
+                angular: along.cross(&self.gravity),
+            };
         }
         if !self.carries(node, moved) {
-            return 0.0;
+            return Screw {
+                linear: Vector3::zeros(),
+                angular: Vector3::zeros(),
+            };
         }
-        let swept = screw.linear * self.mass[moved] + screw.angular.cross(&self.moment[moved]);
-        let mut rate = row_torque.dot(&swept.cross(&self.gravity));
+        // weights keep their direction, and are swept along
+        let along = self.gravity.cross(row_torque);
+        let mut rates = Screw {
+            linear: along * self.mass[moved],
+            angular: self.moment[moved].cross(&along),
+        };
         if let Some((wrench, point)) = &self.follower
             && self.loaded.contains(&moved)
         {
-            let force = screw.angular.cross(&wrench.force);
-            let torque = screw.at(point).cross(&wrench.force)
-                + (point - self.origin[node]).cross(&force)
-                + screw.angular.cross(&wrench.torque);
-            rate += row_force.dot(&force) + row_torque.dot(&torque);
+            // a load that turns with what it is on
+            let pulled = wrench.force.cross(row_torque);
+            let arm = row_force + row_torque.cross(&(point - self.origin[node]));
+            rates.linear += pulled;
+            rates.angular +=
+                point.cross(&pulled) + wrench.force.cross(&arm) + wrench.torque.cross(row_torque);
         }
-        rate
+        rates
     }
 }
 

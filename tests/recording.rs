@@ -140,12 +140,15 @@ fn standard_topics_with_one_log_time_for_each_reading() {
         &topics["/robot_description"][0].2,
         "<robot name=\"two_arms\">"
     ));
-    // Every link is placed: moving ones in /tf, the rest and the tracker in /tf_static.
-    for name in ["trunk", "left_arm", "right_flange"] {
-        assert!(holds(&topics["/tf"][0].2, name), "{name}");
-    }
+    // Every link is placed once: what moves in /tf, the rest and the tracker in /tf_static.
+    let place = |name: &str| ["/tf", "/tf_static"].map(|topic| holds(&topics[topic][0].2, name));
     for name in ["left_flange", "tracker"] {
-        assert!(holds(&topics["/tf_static"][0].2, name), "{name}");
+        assert_eq!(place(name), [false, true], "{name}");
+    }
+    // the arms' joints are not turned
+    assert!(place("trunk")[0]);
+    for name in ["left_arm", "right_flange"] {
+        assert!(place(name)[1], "{name}");
     }
 }
 
@@ -482,18 +485,18 @@ fn results(campaign: &Campaign) -> Results {
         predicted: (0..readings).map(|i| pose(k + i as f64 / 7.0)).collect(),
     };
     let robot = &campaign.robot;
+    let links = |i: usize| {
+        let links = robot.links.iter();
+        links
+            .map(|link| pose((i + link.body) as f64) * link.body_from_link)
+            .collect()
+    };
     Results {
         steps: vec![
             step("nominal", 1.0, None),
             step("geometry", 2.0, Some(2e-3)),
         ],
-        links: (0..readings)
-            .map(|i| {
-                (0..robot.links.len())
-                    .map(|l| pose((i + l) as f64))
-                    .collect()
-            })
-            .collect(),
+        links: (0..readings).map(links).collect(),
         torques: (0..readings)
             .map(|i| {
                 (0..robot.joints.len())
@@ -614,7 +617,10 @@ fn results_come_back_beside_an_equal_campaign() {
     }
     // the fit says where the tracker stands
     assert!(holds(&topics["/tf_static"][0].2, "tracker"));
-    assert!(holds(&topics["/tf"][0].2, "fitted/left_flange"));
+    // a body moves, a link on it stands where it is
+    assert!(holds(&topics["/tf_static"][0].2, "fitted/left_flange"));
+    assert!(!holds(&topics["/tf"][0].2, "fitted/left_flange"));
+    assert!(holds(&topics["/tf"][0].2, "fitted/"));
 }
 
 #[test]

@@ -6,9 +6,10 @@
 
 use super::score::Against;
 use crate::campaign::Reading;
+use crate::fit::alike::{members, numbered};
 use crate::fit::pose_key;
-use nalgebra::DMatrix;
-use std::collections::BTreeMap;
+use nalgebra::{DMatrix, DMatrixView, DVector};
+use rayon::prelude::*;
 
 /// One contrast.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,14 +24,29 @@ pub struct Contrast {
     pub p_value: f64,
 }
 
-/// Rows of the readings: whitened residual and an orthonormal basis of the base model, `[Q | M r]`.
+/// Rows of the readings: whitened residual and an orthonormal basis of the base model, `[Q | M r]`ᵀ.
 pub struct Field<'a> {
     /// Readings by their order.
     pub readings: &'a [&'a Reading],
-    /// First row of each reading, and one past the last.
-    pub rows: Vec<usize>,
-    /// `Q`, then `M r` as the last column.
-    pub matrix: DMatrix<f64>,
+    /// Directions of the base model.
+    pub rank: usize,
+    /// `Qᵀ`, then `M r` as the last of its rows, in parts: a row of a reading is a column here.
+    pub parts: Vec<DMatrix<f64>>,
+    /// By reading: its part, its first column there, and how many it has.
+    pub places: Vec<(usize, usize, usize)>,
+}
+
+impl Field<'_> {
+    /// The rows of one reading, a column each.
+    pub fn of(&self, reading: usize) -> DMatrixView<'_, f64> {
+        let (part, first, count) = self.places[reading];
+        self.parts[part].columns(first, count)
+    }
+
+    /// How many rows a reading has.
+    fn rows(&self, reading: usize) -> usize {
+        self.places[reading].2
+    }
 }
 
 /// Degrees of freedom below which a contrast says nothing.
@@ -38,10 +54,24 @@ const FEWEST: f64 = 3.0;
 
 /// All contrasts that the design has.
 pub fn contrasts(field: &Field, against: &Against) -> Vec<Contrast> {
-    let pose = Groups::by(field, |r| key(r, false, false));
-    let load = Groups::by(field, |r| key(r, true, false));
-    let direction = Groups::by(field, |r| key(r, false, true));
-    let both = Groups::by(field, |r| key(r, true, true));
+    let readings = field.readings;
+    let own = readings.iter().enumerate();
+    let poses = numbered(own.map(|(index, r)| (r.target, pose_key(r), field.rows(index))));
+    let loads = numbered(readings.iter().map(|reading| weight(reading)));
+    let approach = |r: &&Reading| r.approach.iter().flatten().map(|x| x.to_bits()).collect();
+    let directions = numbered(readings.iter().map(|r| -> Vec<u64> { approach(r) }));
+    let groups = |load: bool, direction: bool| {
+        let key = |index: usize| {
+            let load = if load { loads[index] } else { 0 };
+            let direction = if direction { directions[index] } else { 0 };
+            (poses[index], load, direction)
+        };
+        Groups(members(&numbered((0..readings.len()).map(key))))
+    };
+    let pose = groups(false, false);
+    let load = groups(true, false);
+    let direction = groups(false, true);
+    let both = groups(true, true);
     let mut found = Vec::new();
     let mut add = |name, fine: Moment, coarse: Moment| {
         let dof = fine.dof - coarse.dof;
@@ -66,26 +96,14 @@ pub fn contrasts(field: &Field, against: &Against) -> Vec<Contrast> {
     found
 }
 
-type Key = (usize, (String, Vec<u64>), Vec<u64>, Vec<u64>);
-
-fn key(reading: &Reading, load: bool, direction: bool) -> Key {
-    let approach = reading.approach.iter().flatten().map(|x| x.to_bits());
-    let weight = match (reading.payload, reading.wrench) {
-        (Some(payload), _) => vec![payload.mass.to_bits()],
+/// What tells the loads of one pose apart.
+fn weight(reading: &Reading) -> Option<u64> {
+    match (reading.payload, reading.wrench) {
+        (Some(payload), _) => Some(payload.mass.to_bits()),
         // wrenches carry noise: tell loads apart by the newton
-        (None, Some(wrench)) => vec![wrench.force.norm().round().to_bits()],
-        (None, None) => Vec::new(),
-    };
-    (
-        reading.target,
-        pose_key(reading),
-        if load { weight } else { Vec::new() },
-        if direction {
-            approach.collect()
-        } else {
-            Vec::new()
-        },
-    )
+        (None, Some(wrench)) => Some(wrench.force.norm().round().to_bits()),
+        (None, None) => None,
+    }
 }
 
 /// Sum of squares of a projected residual, and what noise of unit variance gives.
@@ -97,10 +115,11 @@ struct Moment {
 
 impl Moment {
     fn all(field: &Field) -> Self {
-        let last = field.matrix.ncols() - 1;
+        let rows: usize = field.parts.iter().map(DMatrix::ncols).sum();
+        let squares = field.parts.iter().map(|p| p.row(field.rank).norm_squared());
         Self {
-            squares: field.matrix.column(last).norm_squared(),
-            dof: (field.matrix.nrows() - last) as f64,
+            squares: squares.sum(),
+            dof: rows as f64 - field.rank as f64,
         }
     }
 }
@@ -109,31 +128,28 @@ impl Moment {
 struct Groups(Vec<Vec<usize>>);
 
 impl Groups {
-    fn by(field: &Field, key: impl Fn(&Reading) -> Key) -> Self {
-        let mut groups: BTreeMap<(Key, usize), Vec<usize>> = BTreeMap::new();
-        for (index, reading) in field.readings.iter().enumerate() {
-            let rows = field.rows[index + 1] - field.rows[index];
-            groups.entry((key(reading), rows)).or_default().push(index);
-        }
-        Self(groups.into_values().collect())
-    }
-
     /// Of the projector onto the groups' means.
     fn moment(&self, field: &Field) -> Moment {
-        let last = field.matrix.ncols() - 1;
-        let mut moment = Moment::default();
-        for group in &self.0 {
-            let rows = field.rows[group[0] + 1] - field.rows[group[0]];
-            let mut sum = DMatrix::zeros(rows, last + 1);
-            for &index in group {
-                sum += field.matrix.rows(field.rows[index], rows);
+        let last = field.rank;
+        let of = |group: &Vec<usize>| {
+            let mut sum = field.of(group[0]).into_owned();
+            for &index in &group[1..] {
+                sum += field.of(index);
             }
             // √n times the mean: the projector keeps lengths
-            sum /= (group.len() as f64).sqrt();
-            moment.squares += sum.column(last).norm_squared();
-            moment.dof += rows as f64 - sum.columns(0, last).norm_squared();
-        }
-        moment
+            let count = group.len() as f64;
+            let squares = sum.row(last).norm_squared();
+            Moment {
+                squares: squares / count,
+                dof: sum.ncols() as f64 - (sum.norm_squared() - squares) / count,
+            }
+        };
+        let parts: Vec<Moment> = self.0.par_iter().map(of).collect();
+        // in order, so that the sum does not depend on threads
+        parts.iter().fold(Moment::default(), |sum, part| Moment {
+            squares: sum.squares + part.squares,
+            dof: sum.dof + part.dof,
+        })
     }
 }
 
@@ -149,21 +165,28 @@ fn time(field: &Field) -> Option<Moment> {
     if last <= first {
         return None;
     }
-    let end = field.matrix.ncols() - 1;
-    let q = field.matrix.columns(0, end);
-    let most = field.rows.windows(2).map(|w| w[1] - w[0]).max()?;
-    let mut trends = DMatrix::zeros(field.matrix.nrows(), 2 * most);
+    let most = field.places.iter().map(|place| place.2).max()?;
+    // products of the trends with each other, with the basis, and with the residual, which is beside that
+    let mut squares = DMatrix::zeros(2 * most, 2 * most);
+    let mut through = DMatrix::zeros(field.rank, 2 * most);
+    let mut gradient = DVector::zeros(2 * most);
     for (index, &time) in times.iter().enumerate() {
         let u = 2.0 * (time - first) / (last - first) - 1.0;
-        for (k, row) in (field.rows[index]..field.rows[index + 1]).enumerate() {
-            trends[(row, 2 * k)] = u;
-            trends[(row, 2 * k + 1)] = u * u;
+        for (k, column) in field.of(index).column_iter().enumerate() {
+            let trends = [(2 * k, u), (2 * k + 1, u * u)];
+            for (a, one) in trends {
+                through
+                    .column_mut(a)
+                    .axpy(one, &column.rows(0, field.rank), 1.0);
+                gradient[a] += one * column[field.rank];
+                for (b, other) in trends {
+                    squares[(a, b)] += one * other;
+                }
+            }
         }
     }
     // what the base model leaves of them
-    let left = &trends - q * (q.transpose() * &trends);
-    let eigen = left.tr_mul(&left).symmetric_eigen();
-    let gradient = left.tr_mul(&field.matrix.column(end));
+    let eigen = (squares - through.tr_mul(&through)).symmetric_eigen();
     let mut moment = Moment::default();
     for (value, vector) in eigen
         .eigenvalues
@@ -171,7 +194,7 @@ fn time(field: &Field) -> Option<Moment> {
         .zip(eigen.eigenvectors.column_iter())
     {
         if *value > 1e-3 {
-            moment.squares += vector.dot(&gradient.column(0)).powi(2) / value;
+            moment.squares += vector.dot(&gradient).powi(2) / value;
             moment.dof += 1.0;
         }
     }

@@ -2,24 +2,20 @@
 //!
 //! Poses are left out a fifth at a time, those of a pose together.
 
-use super::score::square;
+use super::score::{SUMMED, add_square};
 use crate::campaign::Reading;
+use crate::fit::alike::numbered;
 use crate::fit::pose_key;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// Folds.
 pub const FOLDS: usize = 5;
 
 /// Fold of each reading: poses in order of appearance go round.
 pub fn by_pose(readings: &[&Reading]) -> Vec<usize> {
-    let mut fold_of: BTreeMap<_, usize> = BTreeMap::new();
-    let of = |reading: &&Reading| {
-        let next = fold_of.len();
-        *fold_of.entry(pose_key(reading)).or_insert(next) % FOLDS
-    };
-    readings.iter().map(of).collect()
+    let poses = numbered(readings.iter().map(|reading| pose_key(reading)));
+    poses.into_iter().map(|pose| pose % FOLDS).collect()
 }
 
 /// Products of the columns of `[J | r]` with each other over the rows of each fold; `rows` are those of each reading,
@@ -43,17 +39,26 @@ pub fn normals(
             (block, own)
         })
         .collect();
-    let square = |&(block, folds): &(&DMatrix<f64>, &[usize])| -> Vec<DMatrix<f64>> {
-        let columns = pick(block);
-        let of = |fold: usize| {
-            let own: Vec<usize> = (0..folds.len()).filter(|&row| folds[row] == fold).collect();
-            square(&columns.select_rows(&own))
-        };
-        (0..FOLDS).map(of).collect()
+    let squares = |pieces: &[(&DMatrix<f64>, &[usize])]| -> Vec<DMatrix<f64>> {
+        let mut sums: Vec<DMatrix<f64>> = Vec::new();
+        for (block, folds) in pieces {
+            let columns = pick(block);
+            let n = columns.ncols();
+            sums.resize_with(FOLDS, || DMatrix::zeros(n, n));
+            for (fold, sum) in sums.iter_mut().enumerate() {
+                let own: Vec<usize> = (0..folds.len()).filter(|&row| folds[row] == fold).collect();
+                add_square(sum, &columns.select_rows(&own));
+            }
+        }
+        sums
     };
-    let parts: Vec<Vec<DMatrix<f64>>> = pieces.par_iter().map(square).collect();
+    let parts: Vec<Vec<DMatrix<f64>>> = pieces.par_chunks(SUMMED).map(squares).collect();
     // in order, so that the sum does not depend on threads
-    let of = |fold: usize| sum(parts.iter().map(|part| &part[fold]));
+    let of = |fold: usize| {
+        let mut sum = sum(parts.iter().map(|part| &part[fold]));
+        sum.fill_upper_triangle_with_lower_triangle();
+        sum
+    };
     (0..FOLDS).map(of).collect()
 }
 

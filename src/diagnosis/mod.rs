@@ -22,14 +22,15 @@ mod search;
 pub use contrasts::Contrast;
 
 use crate::campaign::{Campaign, Reading, Split};
-use crate::effects::{AnyEffect, CATALOGUE};
+use crate::effects::{AnyEffect, CATALOGUE, find};
+use crate::fit::alike::{reads_clock, together};
 use crate::fit::noise::{self, Source};
 use crate::fit::{self, CampaignProblem, Fit, FitError, Options};
 use crate::model::Model;
 use contrasts::Field;
 use families::{Family, FamilyScore};
 use form::Form;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 pub use next::{NextError, POSES, next_poses};
 pub use patterns::Pattern;
 pub use power::Power;
@@ -145,6 +146,8 @@ pub struct Diagnosis {
     pub predicted: Option<f64>,
     /// Lines of the rejected readings.
     pub rejected: Vec<usize>,
+    /// Log evidence of each effect alone against the base model, all its parameters together, nats.
+    alone: Vec<(Arc<dyn AnyEffect>, f64)>,
 }
 
 impl Diagnosis {
@@ -169,6 +172,22 @@ impl Diagnosis {
         let mut kept = campaign.clone();
         without(&mut kept, &self.rejected);
         kept
+    }
+
+    /// Log evidence of an effect against a model without it, nats: of the base model what the diagnosis found.
+    pub fn evidence_of(
+        &self,
+        effect: &Arc<dyn AnyEffect>,
+        without: &Fit,
+        campaign: &Campaign,
+    ) -> f64 {
+        let own = |(known, _): &&(Arc<dyn AnyEffect>, f64)| Arc::ptr_eq(known, effect);
+        let known = self.alone.iter().find(own);
+        let of_base = without.values == self.base.values && without.free == self.base.free;
+        match known.filter(|_| of_base) {
+            Some((_, evidence)) => *evidence,
+            None => evidence(campaign, without, effect),
+        }
     }
 
     /// Share of the misfit above noise that the named effects explain.
@@ -397,11 +416,12 @@ pub fn diagnose_until(
         refused,
         waves,
         rejected,
+        alone: first.alone,
     })
 }
 
 /// Log evidence (nats) of an effect for a fit without it.
-pub fn evidence(campaign: &Campaign, without: &Fit, effect: &Arc<dyn AnyEffect>) -> f64 {
+fn evidence(campaign: &Campaign, without: &Fit, effect: &Arc<dyn AnyEffect>) -> f64 {
     let readings = fitted(campaign);
     let shape = &without.noise.shape;
     let whiteners = noise::whiteners(&without.model, &without.values, &readings, shape);
@@ -486,10 +506,11 @@ fn reject(campaign: &mut Campaign, fit: &Fit) -> Vec<usize> {
         .zip(&whiteners)
         .map(|(row, whitener)| whitener.squares(row) / whitener.rows as f64 / fit.noise.factor)
         .collect();
-    let lines: Vec<usize> = screen::outliers(&fitted, &squares)
+    let mut lines: Vec<usize> = screen::outliers(&fitted, &squares)
         .into_iter()
         .map(|index| fitted[index].line)
         .collect();
+    lines.sort_unstable();
     without(campaign, &lines);
     lines
 }
@@ -500,9 +521,11 @@ fn without(campaign: &mut Campaign, lines: &[usize]) {
     campaign.readings.retain(keep);
 }
 
+/// Readings to fit, repeats together.
 fn fitted(campaign: &Campaign) -> Vec<&Reading> {
     let readings = campaign.readings.iter();
-    readings.filter(|r| r.split == Split::Fit).collect()
+    let readings: Vec<&Reading> = readings.filter(|r| r.split == Split::Fit).collect();
+    together(&readings)
 }
 
 /// Share of the base model's excess misfit that a later fit explains.
@@ -538,6 +561,8 @@ struct Analysis {
     one_form: bool,
     /// By effect of the set: those that cannot be told from it.
     near: Vec<Alike>,
+    /// Log evidence of each family alone, all its parameters together.
+    alone: Vec<(Arc<dyn AnyEffect>, f64)>,
     /// What could be seen.
     power: Power,
     /// Waves of a gear that the scan found.
@@ -583,12 +608,12 @@ fn analyse(
         {
             let effect = term.effect.clone();
             let first = blocks[0].ncols() - 1 - base;
-            let (mut family, own) = columns_of(fit, &effect, first, &readings, &whiteners);
-            family.trials = found.trials;
-            families.push(family);
-            for (block, own) in blocks.iter_mut().zip(own) {
-                *block = inserted(block, &own);
+            let (own, rows) = columns_of(fit, &[&effect], Some(first), &readings, &whiteners);
+            for mut family in own {
+                family.trials = found.trials;
+                families.push(family);
             }
+            insert(&mut blocks, rows);
             gram.insert(&blocks, families[families.len() - 1].columns.len());
             waves = found.waves;
         }
@@ -599,6 +624,11 @@ fn analyse(
         .par_iter()
         .map(|family| family.score(&information, &against))
         .collect();
+    let alone = families.iter().map(|family| {
+        let score = information.score(&family.columns);
+        (family.effect.clone(), score.log_evidence)
+    });
+    let alone = alone.collect();
     // waves of the usual cycles, or those found?
     let mut beaten = None;
     if !waves.is_empty() {
@@ -719,6 +749,7 @@ fn analyse(
         patterns,
         candidates,
         cannot_see,
+        alone,
         power,
         waves,
     }
@@ -757,48 +788,65 @@ fn columns(
     readings: &[&Reading],
     whiteners: &[noise::Whitener],
 ) -> (Vec<Family>, Vec<DMatrix<f64>>) {
+    // those that repeats do not tell apart first: their columns are computed once for all repeats
+    let clock = |effect: &&Arc<dyn AnyEffect>| reads_clock(&***effect);
+    let (last, first): (Vec<_>, Vec<_>) = effects.iter().partition(clock);
+    let (mut families, mut blocks) = columns_of(fit, &first, None, readings, whiteners);
+    let behind = blocks[0].ncols() - 1 - fit.free.len();
+    let (more, own) = columns_of(fit, &last, Some(behind), readings, whiteners);
+    insert(&mut blocks, own);
+    families.extend(more);
+    let place = |own: &Family| effects.iter().position(|e| Arc::ptr_eq(e, &own.effect));
+    families.sort_by_key(place);
+    (families, blocks)
+}
+
+/// The families of some effects, and their rows: `[X | r]`, the columns `behind` so many of others, or `[base | X | r]`.
+fn columns_of(
+    fit: &Fit,
+    effects: &[&Arc<dyn AnyEffect>],
+    behind: Option<usize>,
+    readings: &[&Reading],
+    whiteners: &[noise::Whitener],
+) -> (Vec<Family>, Vec<DMatrix<f64>>) {
     let mut model = fit.model.clone();
-    let mut free = fit.free.clone();
+    let mut free = match behind {
+        Some(_) => Vec::new(),
+        None => fit.free.clone(),
+    };
     let mut values = fit.values.clone();
     let mut families: Vec<Family> = Vec::new();
+    let mut place = behind.unwrap_or(0);
     for effect in effects {
-        families.push(Family::new(effect, &model, free.len() - fit.free.len()));
+        let family = Family::new(effect, &model, place);
+        place = family.columns.end;
+        families.push(family);
         let first = values.len();
         model = model.with(effect);
         let count = model.start().len();
         free.extend(first..count);
         values.resize(count, 0.0);
     }
-    let problem = CampaignProblem::new(&model, readings, whiteners, &free, &values);
+    let mut problem = CampaignProblem::new(&model, readings, whiteners, &free, &values);
+    // the effects of the catalogue do nothing with parameters of zero
+    let rests =
+        |effect: &&Arc<dyn AnyEffect>| reads_clock(&***effect) && find(effect.kind()).is_some();
+    if effects.iter().all(rests) && !fit.model.terms.iter().any(|t| reads_clock(&*t.effect)) {
+        problem = problem.at_rest();
+    }
     let at: Vec<f64> = free.iter().map(|&k| values[k]).collect();
     (families, problem.blocks(&at))
 }
 
-/// The family of one more effect, its columns behind `first` others, and its rows of `[X | r]`.
-fn columns_of(
-    fit: &Fit,
-    effect: &Arc<dyn AnyEffect>,
-    first: usize,
-    readings: &[&Reading],
-    whiteners: &[noise::Whitener],
-) -> (Family, Vec<DMatrix<f64>>) {
-    let family = Family::new(effect, &fit.model, first);
-    let model = fit.model.with(effect);
-    let mut values = fit.values.clone();
-    let free: Vec<usize> = (values.len()..model.start().len()).collect();
-    values.resize(model.start().len(), 0.0);
-    let problem = CampaignProblem::new(&model, readings, whiteners, &free, &values);
-    let at = vec![0.0; free.len()];
-    (family, problem.blocks(&at))
-}
-
-/// The columns of `own` but its last before the last of `block`.
-fn inserted(block: &DMatrix<f64>, own: &DMatrix<f64>) -> DMatrix<f64> {
-    let (before, more) = (block.ncols() - 1, own.ncols() - 1);
-    let mut both = block.clone().insert_columns(before, more, 0.0);
-    both.columns_mut(before, more)
-        .copy_from(&own.columns(0, more));
-    both
+/// Puts the columns of `own` but its last before the last of `blocks`.
+fn insert(blocks: &mut [DMatrix<f64>], own: Vec<DMatrix<f64>>) {
+    blocks.par_iter_mut().zip(own).for_each(|(block, own)| {
+        let (before, more) = (block.ncols() - 1, own.ncols() - 1);
+        let mut both = std::mem::take(block).insert_columns(before, more, 0.0);
+        both.columns_mut(before, more)
+            .copy_from(&own.columns(0, more));
+        *block = both;
+    });
 }
 
 /// Why a campaign cannot see a family, if it cannot.
@@ -912,7 +960,7 @@ fn against(fit: &Fit, gram: &Gram) -> Against {
     }
 }
 
-/// `[Q | M r]` by rows of the readings.
+/// `[Q | M r]`ᵀ by rows of the readings.
 fn field<'a>(
     readings: &'a [&'a Reading],
     whiteners: &[noise::Whitener],
@@ -920,9 +968,14 @@ fn field<'a>(
     gram: &Gram,
     base: usize,
 ) -> Field<'a> {
-    let mut rows = vec![0];
+    let mut places = Vec::with_capacity(readings.len());
+    let (mut part, mut first) = (0, 0);
     for whitener in whiteners {
-        rows.push(rows[rows.len() - 1] + whitener.rows);
+        if whitener.rows > 0 && first == blocks[part].nrows() {
+            (part, first) = (part + 1, 0);
+        }
+        places.push((part, first, whitener.rows));
+        first += whitener.rows;
     }
     let inverse = gram.base_inverse();
     let eigen = inverse.clone().symmetric_eigen();
@@ -934,26 +987,31 @@ fn field<'a>(
         let value = eigen.eigenvalues[k].max(0.0).min(largest);
         root.set_column(column, &(eigen.eigenvectors.column(k) * value.sqrt()));
     }
-    let mut matrix = DMatrix::zeros(gram.rows, gram.rank + 1);
-    let mut row = 0;
-    for block in blocks {
-        let q = block.columns(0, base) * &root;
-        matrix
-            .view_mut((row, 0), (block.nrows(), gram.rank))
-            .copy_from(&q);
-        matrix
-            .view_mut((row, gram.rank), (block.nrows(), 1))
-            .copy_from(&block.column(block.ncols() - 1));
-        row += block.nrows();
-    }
-    let along = matrix
-        .columns(0, gram.rank)
-        .tr_mul(&matrix.column(gram.rank));
-    let left = matrix.column(gram.rank) - matrix.columns(0, gram.rank) * along;
-    matrix.set_column(gram.rank, &left);
+    let back = root.transpose();
+    // a reading's rows are columns here, and lie together
+    let turn = |block: &DMatrix<f64>| {
+        let mut part = DMatrix::zeros(gram.rank + 1, block.nrows());
+        let turned = block.columns(0, base).transpose();
+        back.mul_to(&turned, &mut part.rows_mut(0, gram.rank));
+        let residual = block.column(block.ncols() - 1);
+        part.row_mut(gram.rank).tr_copy_from(&residual);
+        let along = part.rows(0, gram.rank) * residual;
+        (part, along)
+    };
+    let found: Vec<(DMatrix<f64>, DVector<f64>)> = blocks.par_iter().map(turn).collect();
+    let (mut parts, along): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+    let along = along
+        .iter()
+        .fold(DVector::zeros(gram.rank), |sum, own| sum + own);
+    parts.par_iter_mut().for_each(|part| {
+        let taken = part.rows(0, gram.rank).tr_mul(&along);
+        let mut left = part.row_mut(gram.rank);
+        left -= taken.transpose();
+    });
     Field {
         readings,
-        rows,
-        matrix,
+        rank: gram.rank,
+        parts,
+        places,
     }
 }

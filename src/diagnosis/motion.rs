@@ -6,6 +6,7 @@ use crate::fit::alike::Alike;
 use crate::fit::noise::Whitener;
 use crate::model::Rows;
 use nalgebra::DMatrix;
+use rayon::prelude::*;
 
 /// One reading under unit turns of the observed joints.
 pub struct Motion {
@@ -25,7 +26,7 @@ pub fn motions(fit: &Fit, readings: &[&Reading], whiteners: &[Whitener]) -> Vec<
         let torques = workspace.torques(&fit.model, reading);
         (jacobian, torques)
     });
-    let each = found.into_iter().zip(whiteners);
+    let each = found.into_par_iter().zip(whiteners);
     each.map(|((jacobian, torques), whitener)| {
         let mut rates = DMatrix::zeros(whitener.rows, setup.observed.len());
         for (place, &joint) in setup.observed.iter().enumerate() {

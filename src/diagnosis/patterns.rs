@@ -10,11 +10,11 @@
 use super::contrasts::Field;
 use super::motion::Motion;
 use super::score::{Against, Score, log_mean};
+use crate::fit::alike::{angles, members, numbered};
 use crate::fit::{Fit, pose_key};
 use crate::robot::JointKind;
 use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// Size of a pattern that would not surprise, rad.
 const TYPICAL: f64 = 1e-4;
@@ -61,16 +61,33 @@ struct Seen {
 impl Seen {
     /// Scores functions (a column each, by reading or pose) of typical size `size` as errors of this joint.
     fn score(&self, functions: &DMatrix<f64>, size: f64, variance: f64) -> Score {
+        let mut scores = self.scores(functions, functions.ncols(), size, variance);
+        scores.remove(0)
+    }
+
+    /// The same of sets of so many functions each.
+    fn scores(
+        &self,
+        functions: &DMatrix<f64>,
+        width: usize,
+        size: f64,
+        variance: f64,
+    ) -> Vec<Score> {
         let through = &self.through * functions;
-        let mut weighted = functions.clone();
-        for mut column in weighted.column_iter_mut() {
-            column.component_mul_assign(&self.weight);
-        }
         let unit = size * size / variance;
-        let raw = functions.tr_mul(&weighted) * unit;
-        let information = &raw - through.tr_mul(&through) * unit;
-        let gradient = functions.tr_mul(&self.pull) * (size / variance);
-        Score::of(information, &gradient, raw.trace())
+        let score = |first: usize| {
+            let own = functions.columns(first, width);
+            let through = through.columns(first, width);
+            let mut weighted = own.into_owned();
+            for mut column in weighted.column_iter_mut() {
+                column.component_mul_assign(&self.weight);
+            }
+            let raw = own.tr_mul(&weighted) * unit;
+            let information = &raw - through.tr_mul(&through) * unit;
+            let gradient = own.tr_mul(&self.pull) * (size / variance);
+            Score::of(information, &gradient, raw.trace())
+        };
+        (0..functions.ncols()).step_by(width).map(score).collect()
     }
 
     /// Rows of one group added up: functions that are the same over a group need no more.
@@ -97,31 +114,30 @@ impl Seen {
 pub fn patterns(field: &Field, fit: &Fit, motions: &[Motion], against: &Against) -> Vec<Pattern> {
     let (seen, torques) = seen(field, fit, motions);
     let readings = field.readings;
-    let mut place = BTreeMap::new();
-    let groups: Vec<usize> = readings
-        .iter()
-        .map(|reading| {
-            let next = place.len();
-            *place
-                .entry((reading.target, pose_key(reading)))
-                .or_insert(next)
-        })
-        .collect();
-    let poses = place.len();
-    let mut first = vec![0; poses];
-    for (index, &group) in groups.iter().enumerate().rev() {
-        first[group] = index;
-    }
+    let groups = numbered(readings.iter().map(|r| (r.target, pose_key(r))));
+    let first: Vec<usize> = members(&groups).iter().map(|own| own[0]).collect();
+    let poses = first.len();
     let angle =
         |joint: usize| -> Vec<f64> { first.iter().map(|&i| readings[i].joints[joint]).collect() };
-    let by_pose: Vec<Seen> = seen.iter().map(|s| s.grouped(&groups, poses)).collect();
-    let mut kinds = vec![
-        bumps(&by_pose, angle, against),
-        waves(&by_pose, angle, against),
-        own_torque(&seen, &torques, against),
-        other_torque(&seen, &torques, against),
-        pulls(field, fit, motions, against),
-    ];
+    let by_pose: Vec<Seen> = (seen.par_iter())
+        .map(|seen| seen.grouped(&groups, poses))
+        .collect();
+    let (periodic, (own, (other, pulled))) = rayon::join(
+        || waves(&by_pose, angle, against),
+        || {
+            rayon::join(
+                || own_torque(&seen, &torques, against),
+                || {
+                    rayon::join(
+                        || other_torque(&seen, &torques, against),
+                        || pulls(field, &seen, fit, motions, against),
+                    )
+                },
+            )
+        },
+    );
+    let local = bumps(&by_pose, angle, against);
+    let mut kinds = vec![local, periodic, own, other, pulled];
     if (2..=MOST_POSES).contains(&poses) {
         kinds.push(each_pose(&by_pose, against));
     }
@@ -152,7 +168,7 @@ pub fn patterns(field: &Field, fit: &Fit, motions: &[Motion], against: &Against)
 /// All observed joints as all readings see them, and the torque on each joint by reading.
 fn seen(field: &Field, fit: &Fit, motions: &[Motion]) -> (Vec<Seen>, DMatrix<f64>) {
     let setup = &fit.model.setup;
-    let rank = field.matrix.ncols() - 1;
+    let rank = field.rank;
     let n = field.readings.len();
     let mut all: Vec<Seen> = setup
         .observed
@@ -167,8 +183,7 @@ fn seen(field: &Field, fit: &Fit, motions: &[Motion]) -> (Vec<Seen>, DMatrix<f64
         .collect();
     let mut torques = DMatrix::zeros(n, setup.observed.len());
     for (index, motion) in motions.iter().enumerate() {
-        let own = field.matrix.rows(field.rows[index], motion.rates.nrows());
-        let through = own.transpose() * &motion.rates;
+        let through = field.of(index) * &motion.rates;
         for (place, seen) in all.iter_mut().enumerate() {
             let column = through.column(place);
             seen.through.set_column(index, &column.rows(0, rank));
@@ -259,23 +274,22 @@ fn waves(
         .par_iter()
         .map(|&(first, second)| {
             let (a, b) = (angle(seen[first].joint), angle(seen[second].joint));
-            let mut scores = Vec::new();
-            for &(m, n) in &cycles {
-                let mut functions = DMatrix::zeros(a.len(), 2);
+            let mut functions = DMatrix::zeros(a.len(), 2 * cycles.len());
+            for (wave, &(m, n)) in cycles.iter().enumerate() {
                 for row in 0..a.len() {
                     let (sin, cos) = (m * a[row] + n * b[row]).sin_cos();
-                    (functions[(row, 0)], functions[(row, 1)]) = (sin, cos);
+                    functions[(row, 2 * wave)] = sin;
+                    functions[(row, 2 * wave + 1)] = cos;
                 }
-                let own = |own: &Seen| own.score(&functions, TYPICAL, against.variance);
-                scores.extend(seen.iter().map(own));
             }
-            scores
+            let own = |own: &Seen| own.scores(&functions, 2, TYPICAL, against.variance);
+            seen.iter().flat_map(own).collect()
         })
         .collect();
     let words = |index: usize| {
-        let (wave, own) = (index / seen.len(), &seen[index % seen.len()].name);
-        let (first, second) = pairs[wave / cycles.len()];
-        let (m, n) = cycles[wave % cycles.len()];
+        let (place, (m, n)) = (index / cycles.len(), cycles[index % cycles.len()]);
+        let (first, second) = pairs[place / seen.len()];
+        let own = &seen[place % seen.len()].name;
         let (first, second) = (&seen[first].name, &seen[second].name);
         let sign = if n > 0.0 { "+" } else { "-" };
         let size = n.abs();
@@ -300,7 +314,7 @@ fn each_pose(seen: &[Seen], against: &Against) -> Option<Pattern> {
 
 /// How one joint gives under its own torque, beyond a spring.
 fn own_torque(seen: &[Seen], torques: &DMatrix<f64>, against: &Against) -> Option<Pattern> {
-    let members = seen.iter().enumerate().map(|(place, seen)| {
+    let members = seen.par_iter().enumerate().map(|(place, seen)| {
         let column = torques.column(place);
         let largest = column.amax().max(1e-12);
         // saturating earlier and later, odd and even
@@ -322,24 +336,32 @@ fn own_torque(seen: &[Seen], torques: &DMatrix<f64>, against: &Against) -> Optio
 
 /// How one joint gives under another's torque.
 fn other_torque(seen: &[Seen], torques: &DMatrix<f64>, against: &Against) -> Option<Pattern> {
-    let mut members = Vec::new();
-    for (place, bearing) in seen.iter().enumerate() {
-        let functions = torques.columns(place, 1).into_owned();
-        for own in seen.iter().filter(|own| own.joint != bearing.joint) {
+    let of = |own: &Seen| -> Vec<Member> {
+        let scores = own.scores(torques, 1, COMPLIANCE, against.variance);
+        let others = seen.iter().zip(scores);
+        let others = others.filter(|(bearing, _)| bearing.joint != own.joint);
+        let member = |(bearing, score): (&Seen, Score)| {
             let words = format!(
                 "an error of {} that follows the torque on {}",
                 own.name, bearing.name
             );
-            let score = own.score(&functions, COMPLIANCE, against.variance);
-            members.push((format!("torque on {}", bearing.name), words, score));
-        }
-    }
-    best("load", members, against)
+            (format!("torque on {}", bearing.name), words, score)
+        };
+        others.map(member).collect()
+    };
+    let members: Vec<Vec<Member>> = seen.par_iter().map(of).collect();
+    best("load", members.concat(), against)
 }
 
 /// Something pulls at a link, by the springs of the joints: a hose, a cable. Its force is a constant and a linear function
-/// of the link's place, both in the base frame.
-fn pulls(field: &Field, fit: &Fit, motions: &[Motion], against: &Against) -> Option<Pattern> {
+/// of the link's place, both in the base frame: one for all readings in a posture.
+fn pulls(
+    field: &Field,
+    seen: &[Seen],
+    fit: &Fit,
+    motions: &[Motion],
+    against: &Against,
+) -> Option<Pattern> {
     let setup = &fit.model.setup;
     let springs = fit.model.term("joint_compliance")?;
     let compliance = |joint: usize| {
@@ -347,46 +369,69 @@ fn pulls(field: &Field, fit: &Fit, motions: &[Motion], against: &Against) -> Opt
         let place = springs.parameters.iter().position(|p| p.name == *name);
         place.map_or(0.0, |place| springs.of(&fit.values)[place])
     };
-    let compliances: Vec<f64> = setup
-        .observed
+    let posture_of = numbered((field.readings.iter()).map(|reading| angles(reading)));
+    let postures: Vec<Vec<Isometry3<f64>>> = members(&posture_of)
         .iter()
-        .map(|&joint| compliance(joint))
+        .map(|own| setup.robot.body_poses(&field.readings[own[0]].joints))
         .collect();
-    let rank = field.matrix.ncols() - 1;
-    let postures: Vec<Vec<Isometry3<f64>>> = field
-        .readings
-        .iter()
-        .map(|reading| setup.robot.body_poses(&reading.joints))
+    let count = postures.len();
+    let seen: Vec<Seen> = (seen.par_iter())
+        .map(|seen| seen.grouped(&posture_of, count))
         .collect();
+    // products of the motions of two joints, by posture
+    let mut cross = vec![vec![DVector::zeros(count); seen.len()]; seen.len()];
+    for (motion, &posture) in motions.iter().zip(&posture_of) {
+        for (a, one) in motion.rates.column_iter().enumerate() {
+            for (b, other) in motion.rates.column_iter().enumerate().take(a + 1) {
+                cross[a][b][posture] += one.dot(&other);
+            }
+        }
+    }
     let member = |&joint: &usize| -> Member {
         let body = joint + 1;
         let places = postures.iter().map(|poses| poses[body].translation.vector);
-        let middle = places.sum::<Vector3<f64>>() / postures.len().max(1) as f64;
+        let middle = places.sum::<Vector3<f64>>() / count.max(1) as f64;
         let chain = setup.robot.chain(body);
-        let mut squares = DMatrix::zeros(FORCES, FORCES);
-        let mut through = DMatrix::zeros(rank, FORCES);
-        let mut pull = DVector::zeros(FORCES);
-        for (index, (motion, poses)) in motions.iter().zip(&postures).enumerate() {
-            let block = &motion.rates;
-            let place = poses[body].translation.vector;
-            let forces = forces(&(place - middle));
-            let mut turns = DMatrix::zeros(setup.observed.len(), FORCES);
-            for (row, &own) in setup.observed.iter().enumerate() {
-                if !chain.contains(&own) || setup.robot.joints[own].kind == JointKind::Prismatic {
-                    continue;
-                }
-                let pose = poses[own + 1];
-                let axis = pose.rotation * *setup.robot.joints[own].axis;
+        let bent = |seen: &&Seen| {
+            let kind = setup.robot.joints[seen.joint].kind;
+            chain.contains(&seen.joint) && kind != JointKind::Prismatic
+        };
+        // turns of each joint that gives way, postures by forces
+        let turns = |seen: &Seen| {
+            let mut turns = DMatrix::zeros(count, FORCES);
+            for (row, poses) in postures.iter().enumerate() {
+                let place = poses[body].translation.vector;
+                let pose = poses[seen.joint + 1];
+                let axis = pose.rotation * *setup.robot.joints[seen.joint].axis;
                 let lever = place - pose.translation.vector;
-                for (column, force) in forces.iter().enumerate() {
-                    turns[(row, column)] = compliances[row] * axis.dot(&lever.cross(force));
+                for (column, force) in forces(&(place - middle)).iter().enumerate() {
+                    turns[(row, column)] = axis.dot(&lever.cross(force));
                 }
             }
-            let columns = block * turns;
-            let own = field.matrix.rows(field.rows[index], block.nrows());
-            squares += columns.transpose() * &columns;
-            through += own.columns(0, rank).transpose() * &columns;
-            pull += columns.transpose() * own.column(rank);
+            turns * compliance(seen.joint)
+        };
+        let turns: Vec<Option<DMatrix<f64>>> = (seen.iter())
+            .map(|seen| Some(seen).filter(bent).map(turns))
+            .collect();
+        let mut squares = DMatrix::zeros(FORCES, FORCES);
+        let mut through = DMatrix::zeros(field.rank, FORCES);
+        let mut pull = DVector::zeros(FORCES);
+        for (a, one) in turns.iter().enumerate() {
+            let Some(one) = one else { continue };
+            through += &seen[a].through * one;
+            pull += one.tr_mul(&seen[a].pull);
+            for (b, other) in turns.iter().enumerate().take(a + 1) {
+                let Some(other) = other else { continue };
+                let mut weighted = other.clone();
+                for mut column in weighted.column_iter_mut() {
+                    column.component_mul_assign(&cross[a][b]);
+                }
+                let both = one.tr_mul(&weighted);
+                if a != b {
+                    squares += both.transpose();
+                }
+                squares += both;
+            }
         }
         let raw = squares.trace() / against.variance;
         let information = (squares - through.transpose() * &through) / against.variance;

@@ -17,6 +17,8 @@ use std::ops::Range;
 const SCALES: [f64; 7] = [0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2];
 /// Directions of a family with less signal than this (σ for a typical size) are not counted.
 const FAINT: f64 = 0.05;
+/// Blocks of rows whose products are summed at once; fixed, so that sums do not depend on threads.
+pub const SUMMED: usize = 8;
 
 /// Inner products of all whitened columns `[base | families | residual]`.
 pub struct Gram {
@@ -52,12 +54,20 @@ impl Gram {
     pub fn new(blocks: &[DMatrix<f64>], base: usize) -> Self {
         use rayon::prelude::*;
         let n = blocks.first().map_or(base + 1, DMatrix::ncols);
-        let parts: Vec<DMatrix<f64>> = blocks.par_iter().map(square).collect();
+        let groups = blocks.par_chunks(SUMMED);
+        let parts: Vec<DMatrix<f64>> = groups
+            .map(|blocks| {
+                let mut sum = DMatrix::zeros(n, n);
+                blocks.iter().for_each(|block| add_square(&mut sum, block));
+                sum
+            })
+            .collect();
         let mut matrix = DMatrix::zeros(n, n);
         // in order, so that the sum does not depend on threads
         for part in parts {
             matrix += part;
         }
+        matrix.fill_upper_triangle_with_lower_triangle();
         let eigen = matrix
             .view((0, 0), (base, base))
             .into_owned()
@@ -145,22 +155,19 @@ impl Gram {
     }
 }
 
-/// `XᵀX`.
-pub fn square(columns: &DMatrix<f64>) -> DMatrix<f64> {
+/// Adds the lower triangle of `XᵀX`, and nothing of worth above it.
+pub fn add_square(sum: &mut DMatrix<f64>, columns: &DMatrix<f64>) {
     /// Columns a panel: what is below it alone is computed.
     const PANEL: usize = 64;
     let n = columns.ncols();
     // turned, a product by blocks: several times as fast as one by dot products
     let turned = columns.transpose();
-    let mut products = DMatrix::zeros(n, n);
     for first in (0..n).step_by(PANEL) {
         let width = PANEL.min(n - first);
-        let below = turned.rows(first, n - first) * columns.columns(first, width);
-        let mut place = products.view_mut((first, first), (n - first, width));
-        place.copy_from(&below);
+        let below = turned.rows(first, n - first);
+        let mut place = sum.view_mut((first, first), (n - first, width));
+        place.gemm(1.0, &below, &columns.columns(first, width), 1.0);
     }
-    products.fill_upper_triangle_with_lower_triangle();
-    products
 }
 
 /// What is known of columns that a model lacks, in units of the noise: `Xᵀ M X` and `Xᵀ M r` for typical sizes.

@@ -2,42 +2,34 @@
 //! the same numbers, and are computed once.
 
 use crate::campaign::Reading;
-use crate::effects::{Need, find};
-use crate::model::{Model, Workspace, wrench_is_measured};
+use crate::effects::{AnyEffect, Need, find};
+use crate::model::{Model, Workspace, stacked, wrench_is_measured};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Readings by what a model sees of them.
 #[derive(Debug, Clone)]
 pub struct Alike {
     /// Groups in the order of their first readings; indices rise within each.
     pub groups: Vec<Vec<usize>>,
-    readings: usize,
+    /// Group of each reading.
+    pub group_of: Vec<usize>,
 }
 
 impl Alike {
     /// Groups readings that agree to the bit in all that the model's predictions depend on.
     pub fn of(model: &Model, readings: &[&Reading]) -> Self {
-        let clock = model.terms.iter().any(|term| {
-            let effect = &term.effect;
-            // of an effect that is not of the catalogue nothing is known
-            let reads = |need: &Need| matches!(need, Need::Time | Need::Temperature);
-            find(effect.kind()).is_none() || effect.needs().iter().any(reads)
-        });
-        let mut place = BTreeMap::new();
-        let mut groups: Vec<Vec<usize>> = Vec::new();
-        for (index, reading) in readings.iter().enumerate() {
-            let next = groups.len();
-            let own = *place.entry(key(reading, clock)).or_insert(next);
-            if own == next {
-                groups.push(Vec::new());
-            }
-            groups[own].push(index);
-        }
-        Self {
-            groups,
-            readings: readings.len(),
-        }
+        let clock = model.terms.iter().any(|term| reads_clock(&*term.effect));
+        Self::by(readings, clock)
+    }
+
+    /// The same, by their times and temperatures too, or by what repeats have in common.
+    pub fn by(readings: &[&Reading], clock: bool) -> Self {
+        let keys: Vec<Key> = readings.par_iter().map(|r| Key::of(r, clock)).collect();
+        let group_of = numbered(keys.iter());
+        let groups = members(&group_of);
+        Self { groups, group_of }
     }
 
     /// What `then` makes of one reading of each group, for all readings; in parallel, whatever the number of threads.
@@ -55,49 +47,94 @@ impl Alike {
                 |workspace, group| then(workspace, readings[group[0]]),
             )
             .collect();
-        let mut group_of = vec![0; self.readings];
-        for (number, group) in self.groups.iter().enumerate() {
-            for &index in group {
-                group_of[index] = number;
-            }
-        }
-        group_of.into_iter().map(|g| found[g].clone()).collect()
+        self.group_of.iter().map(|&g| found[g].clone()).collect()
     }
 }
 
-/// Everything of a reading that a prediction depends on; `clock`: its time and temperatures too.
-fn key(reading: &Reading, clock: bool) -> (usize, [Option<u64>; 2], Vec<u64>) {
-    let bits = f64::to_bits;
-    let mut all: Vec<u64> = reading.joints.iter().copied().map(bits).collect();
-    // what may be absent is preceded by its number of values
-    let mut add = |values: &[f64]| {
-        all.push(values.len() as u64);
-        all.extend(values.iter().copied().map(bits));
+/// A reading's joint angles, to the bit.
+pub fn angles(reading: &Reading) -> Vec<u64> {
+    reading.joints.iter().map(|q| q.to_bits()).collect()
+}
+
+/// Numbers things in the order of their first appearance, from 0.
+pub fn numbered<K: Ord>(things: impl Iterator<Item = K>) -> Vec<usize> {
+    let mut place = BTreeMap::new();
+    let number = |thing: K| {
+        let next = place.len();
+        *place.entry(thing).or_insert(next)
     };
-    add(reading.approach.as_deref().unwrap_or(&[]));
-    let payload = reading.payload;
-    add(&payload.map_or(Vec::new(), |p| vec![p.mass, p.com.x, p.com.y, p.com.z]));
-    // beside a known load a wrench is measured, and only its being there counts
-    add(&match (reading.wrench, wrench_is_measured(reading)) {
-        (None, _) => Vec::new(),
-        (Some(_), true) => vec![0.0],
-        (Some(wrench), false) => {
-            let parts = wrench.force.iter().chain(wrench.torque.iter());
-            parts.copied().collect()
+    things.map(number).collect()
+}
+
+/// Members of each number.
+pub fn members(numbers: &[usize]) -> Vec<Vec<usize>> {
+    let mut members: Vec<Vec<usize>> = Vec::new();
+    for (index, &number) in numbers.iter().enumerate() {
+        if number == members.len() {
+            members.push(Vec::new());
         }
-    });
-    let process = reading.process.iter();
-    let process: Vec<f64> = process
-        .flat_map(|w| w.force.iter().chain(w.torque.iter()).copied())
-        .collect();
-    add(&process);
-    let clock = if clock {
-        for &(link, temperature) in &reading.link_temperatures {
-            all.extend([link as u64, temperature.to_bits()]);
+        members[number].push(index);
+    }
+    members
+}
+
+/// The same readings, repeats under the same command behind their first.
+pub fn together<'a>(readings: &[&'a Reading]) -> Vec<&'a Reading> {
+    let groups = Alike::by(readings, false).groups;
+    groups.iter().flatten().map(|&i| readings[i]).collect()
+}
+
+/// May what an effect does differ between repeats under the same command, which times and temperatures tell apart?
+pub fn reads_clock(effect: &dyn AnyEffect) -> bool {
+    let reads = |need: &Need| matches!(need, Need::Time | Need::Temperature);
+    // of an effect that is not of the catalogue nothing is known
+    find(effect.kind()).is_none() || effect.needs().iter().any(reads)
+}
+
+/// Everything of a reading that a prediction depends on, behind a number made of it by which most are told apart.
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+struct Key {
+    hash: u64,
+    all: Vec<u64>,
+}
+
+impl Key {
+    /// `clock`: its time and temperatures too.
+    fn of(reading: &Reading, clock: bool) -> Self {
+        let bits = f64::to_bits;
+        let mut all: Vec<u64> = Vec::with_capacity(64);
+        all.push(reading.target as u64);
+        all.extend(reading.joints.iter().copied().map(bits));
+        // what may be absent is preceded by its number of values
+        let mut add = |values: &[f64]| {
+            all.push(values.len() as u64);
+            all.extend(values.iter().copied().map(bits));
+        };
+        add(reading.approach.as_deref().unwrap_or(&[]));
+        match reading.payload {
+            Some(p) => add(&[p.mass, p.com.x, p.com.y, p.com.z]),
+            None => add(&[]),
         }
-        [reading.time, reading.temperature].map(|x| x.map(bits))
-    } else {
-        [None; 2]
-    };
-    (reading.target, clock, all)
+        // beside a known load a wrench is measured, and only its being there counts
+        match (reading.wrench, wrench_is_measured(reading)) {
+            (None, _) => add(&[]),
+            (Some(_), true) => add(&[0.0]),
+            (Some(wrench), false) => add(stacked(&wrench.force, &wrench.torque).as_slice()),
+        }
+        match &reading.process {
+            Some(w) => add(stacked(&w.force, &w.torque).as_slice()),
+            None => add(&[]),
+        }
+        if clock {
+            add(reading.time.as_slice());
+            add(reading.temperature.as_slice());
+            for &(link, temperature) in &reading.link_temperatures {
+                all.extend([link as u64, temperature.to_bits()]);
+            }
+        }
+        let mut hasher = DefaultHasher::new();
+        all.hash(&mut hasher);
+        let hash = hasher.finish();
+        Self { hash, all }
+    }
 }

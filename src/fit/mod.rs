@@ -17,12 +17,12 @@ use crate::model::{
     Model, Row, Rows, Workspace, pose_numbers, right_jacobian_inverse, stacked, wrench_is_measured,
 };
 use alike::Alike;
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
 use noise::{PureError, Source, Whitener};
 use rayon::prelude::*;
 use solve::{Linear, Problem, Solution};
-use std::collections::BTreeMap;
 use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
 
 pub use rank::{LOST, Status, Unobservable};
 
@@ -688,7 +688,13 @@ pub struct CampaignProblem<'a> {
     scale: Vec<f64>,
     bounds: Vec<(f64, f64)>,
     alike: Alike,
-    /// Ranges of groups, of some [`BLOCK`] readings each.
+    /// Do readings that are alike differ in their derivatives?
+    at_rest: bool,
+    /// By groups of a model that gives way: the one found last, from where the next is near; empty before the first.
+    equilibria: Vec<Mutex<Vec<f64>>>,
+    /// By groups: may their readings be added up?
+    sums: Vec<bool>,
+    /// Ranges of groups, of some [`BLOCK`] readings or sums each.
     parts: Vec<Range<usize>>,
 }
 
@@ -707,6 +713,12 @@ impl<'a> CampaignProblem<'a> {
             wanted[k] = true;
         }
         let alike = Alike::of(model, readings);
+        let gives_way = model.is_elastic();
+        let elastic = alike.groups.iter().filter(|_| gives_way);
+        let equilibria = elastic.map(|_| Mutex::default()).collect();
+        let groups = alike.groups.par_iter();
+        let sums = groups.map(|group| may_be_summed(readings, whiteners, group));
+        let sums: Vec<bool> = sums.collect();
         let mut parts: Vec<Range<usize>> = Vec::new();
         let mut count = BLOCK;
         for (index, group) in alike.groups.iter().enumerate() {
@@ -714,13 +726,16 @@ impl<'a> CampaignProblem<'a> {
                 parts.push(index..index);
                 count = 0;
             }
-            count += group.len();
+            count += if sums[index] { 1 } else { group.len() };
             if let Some(part) = parts.last_mut() {
                 part.end = index + 1;
             }
         }
         Self {
+            equilibria,
             alike,
+            at_rest: false,
+            sums,
             parts,
             model,
             readings,
@@ -736,6 +751,14 @@ impl<'a> CampaignProblem<'a> {
         }
     }
 
+    /// For parameters that are all zero of effects that read the clock: repeats, which differ in nothing else, have one
+    /// prediction, and each its own derivative.
+    pub fn at_rest(mut self) -> Self {
+        self.alike = Alike::by(self.readings, false);
+        self.at_rest = true;
+        self
+    }
+
     /// All parameters, the free ones from `p`.
     pub fn full(&self, p: &[f64]) -> Vec<f64> {
         let mut full = self.held.to_vec();
@@ -745,95 +768,180 @@ impl<'a> CampaignProblem<'a> {
         full
     }
 
-    /// All rows of `[J | r]`, whitened and scaled, in blocks of readings in their order.
+    /// All rows of `[J | r]`, whitened and scaled, in blocks of readings in their order. Readings that are alike cost one
+    /// evaluation where they follow each other.
     pub fn blocks(&self, p: &[f64]) -> Vec<DMatrix<f64>> {
-        let parts = self.map_parts(p, |block| block);
-        let mut rows: Vec<(usize, usize)> = vec![(0, 0); self.readings.len()];
-        for (number, part) in self.parts.iter().enumerate() {
-            let mut row = 0;
-            for &index in self.alike.groups[part.clone()].iter().flatten() {
-                rows[index] = (number, row);
-                row += self.whiteners[index].rows;
-            }
-        }
-        let blocks = rows.par_chunks(BLOCK).zip(self.whiteners.par_chunks(BLOCK));
-        let block = |(rows, whiteners): (&[(usize, usize)], &[Whitener])| {
-            let mut block = DMatrix::zeros(self::rows(whiteners), self.free.len() + 1);
-            let mut row = 0;
-            for (&(part, first), whitener) in rows.iter().zip(whiteners) {
-                block
-                    .rows_mut(row, whitener.rows)
-                    .copy_from(&parts[part].rows(first, whitener.rows));
-                row += whitener.rows;
-            }
-            block
-        };
-        blocks.map(block).collect()
+        let all: Vec<usize> = (0..self.readings.len()).collect();
+        let group = |index: usize| self.alike.group_of[index];
+        let chunks: Vec<&[usize]> = all.chunks(BLOCK).collect();
+        self.map_blocks(p, chunks.len(), |chunk, place| {
+            let groups = chunks[chunk].chunk_by(|&a, &b| group(a) == group(b));
+            place.block(groups.map(|group| (group, 1)), None).0
+        })
     }
 
-    /// The rows of each part, readings that are alike together.
-    fn map_parts(
+    /// What `then` makes of the numbers below `count`, with room to compute rows at `p`.
+    fn map_blocks<R: Send>(
         &self,
         p: &[f64],
-        then: impl Fn(DMatrix<f64>) -> DMatrix<f64> + Sync,
-    ) -> Vec<DMatrix<f64>> {
+        count: usize,
+        then: impl Fn(usize, &mut Place<'_>) -> R + Sync,
+    ) -> Vec<R> {
         let full = self.full(p);
-        let parameters = full.len();
-        self.parts
-            .par_iter()
-            .map_init(
-                || (Workspace::new(&self.model.setup), Rows::zeros(parameters)),
-                |(workspace, jacobian), part| {
-                    let groups = &self.alike.groups[part.clone()];
-                    then(self.block(&full, groups, workspace, jacobian))
-                },
-            )
+        let place = || Place {
+            problem: self,
+            full: &full,
+            workspace: Workspace::new(&self.model.setup),
+            jacobian: Rows::zeros(full.len()),
+        };
+        let all = (0..count).into_par_iter();
+        all.map_init(place, |place, index| then(index, place))
             .collect()
     }
 
-    /// One block of `[J | r]`, whitened and scaled.
-    fn block(
-        &self,
-        full: &[f64],
-        groups: &[Vec<usize>],
-        workspace: &mut Workspace,
-        jacobian: &mut Rows,
-    ) -> DMatrix<f64> {
-        let n = self.free.len();
-        let members = || groups.iter().flatten();
-        let count: usize = members().map(|&index| self.whiteners[index].rows).sum();
+    /// Rows of these groups, repeats that may be added up as one.
+    fn summed(&self, groups: Range<usize>, place: &mut Place<'_>) -> (DMatrix<f64>, f64) {
+        let summed = groups.map(|index| {
+            let group = &self.alike.groups[index][..];
+            let together = if self.sums[index] { group.len() } else { 1 };
+            (group, together)
+        });
+        // each group has its one place here, whatever the threads: so it may begin where it ended last
+        let known = (!self.equilibria.is_empty()).then_some(&self.equilibria[..]);
+        place.block(summed, known)
+    }
+}
+
+/// Where rows are computed, by one thread.
+struct Place<'a> {
+    problem: &'a CampaignProblem<'a>,
+    full: &'a [f64],
+    workspace: Workspace,
+    jacobian: Rows,
+}
+
+impl Place<'_> {
+    /// One block of `[J | r]`, whitened and scaled, of groups of readings that are alike; so many of a group at a time
+    /// become one: their sum over the root of their number. Also what the sums lack of the sum of squares of `r`. `known`
+    /// are equilibria from which to seek the next, by groups of the problem.
+    fn block<'g>(
+        &mut self,
+        groups: impl Iterator<Item = (&'g [usize], usize)> + Clone,
+        known: Option<&[Mutex<Vec<f64>>]>,
+    ) -> (DMatrix<f64>, f64) {
+        let CampaignProblem {
+            model,
+            readings,
+            whiteners,
+            free,
+            scale,
+            wanted,
+            alike,
+            at_rest,
+            ..
+        } = self.problem;
+        let n = free.len();
+        let bundles = groups.clone().flat_map(|(group, size)| group.chunks(size));
+        let count = bundles.map(|bundle| whiteners[bundle[0]].rows).sum();
         let mut block = DMatrix::zeros(count, n + 1);
+        let mut lacking = 0.0;
         let mut row = 0;
-        for group in groups {
-            let first = self.readings[group[0]];
-            let prediction = workspace.sensitivity(self.model, full, &self.wanted, first, jacobian);
-            for &index in group {
-                let whitener = &self.whiteners[index];
-                let residual = residual(&prediction, self.readings[index]);
-                // residual = measured - predicted, so its derivative is minus the prediction's; the rotation
-                // vector of the error answers through the inverse right Jacobian
-                let turn = right_jacobian_inverse(&residual.fixed_rows::<3>(3).into_owned());
-                for (column, &k) in self.free.iter().enumerate() {
-                    let mut rate = jacobian.column(k).into_owned();
-                    let turned = turn * rate.fixed_rows::<3>(3);
-                    rate.fixed_rows_mut::<3>(3).copy_from(&turned);
-                    let scale = -self.scale[column];
-                    whitener.apply(&rate, &mut |i, value| {
+        for (group, size) in groups {
+            let first = readings[group[0]];
+            let jacobian = &mut self.jacobian;
+            let workspace = &mut self.workspace;
+            let prediction = match known {
+                Some(known) => {
+                    let mut near = known[alike.group_of[group[0]]]
+                        .lock()
+                        .unwrap_or_else(PoisonError::into_inner);
+                    let full = self.full;
+                    let found =
+                        workspace.sensitivity_near(model, full, wanted, first, jacobian, &near);
+                    if found.settled {
+                        near.clear();
+                        near.extend_from_slice(workspace.deviations());
+                    }
+                    found
+                }
+                None => workspace.sensitivity(model, self.full, wanted, first, jacobian),
+            };
+            for (place, bundle) in group.chunks(size).enumerate() {
+                if *at_rest && place > 0 {
+                    let own = readings[bundle[0]];
+                    workspace.sensitivity_again(model, self.full, wanted, own, jacobian);
+                }
+                let mut through = Matrix6::zeros();
+                let mut sum = Row::zeros();
+                let mut squares = 0.0;
+                for &index in bundle {
+                    let residual = residual(&prediction, readings[index]);
+                    // residual = measured - predicted, so its derivative is minus the prediction's; the rotation
+                    // vector of the error answers through the inverse right Jacobian
+                    let turn = right_jacobian_inverse(&residual.fixed_rows::<3>(3).into_owned());
+                    through += whiteners[index].through(&turn);
+                    whiteners[index].apply(&residual, &mut |i, value| {
+                        sum[i] += value;
+                        squares += value * value;
+                    });
+                }
+                let whitener = &whiteners[bundle[0]];
+                let many = bundle.len() as f64;
+                through /= many;
+                sum /= many.sqrt();
+                for (column, &k) in free.iter().enumerate() {
+                    let rate = jacobian.column(k).into_owned();
+                    let scale = -scale[column] * many.sqrt();
+                    whitener.apply_through(&through, &rate, &mut |i, value| {
                         block[(row + i, column)] = value * scale
                     });
                 }
-                whitener.apply(&residual, &mut |i, value| block[(row + i, n)] = value);
+                for i in 0..whitener.rows {
+                    block[(row + i, n)] = sum[i];
+                }
+                if bundle.len() > 1 {
+                    lacking += squares - sum.norm_squared();
+                }
                 row += whitener.rows;
             }
         }
-        block
+        (block, lacking)
     }
+}
+
+/// May these repeats be added up? Where their whitening is the same, the rows of their sum say all that the rows of each
+/// do; where it is nearly so, what that changes of a parameter's gradient is to be small beside one row's noise.
+fn may_be_summed(readings: &[&Reading], whiteners: &[Whitener], group: &[usize]) -> bool {
+    /// Share of a row's noise.
+    const SMALL: f64 = 1e-3;
+    let (first, rest) = (group[0], &group[1..]);
+    let seen = readings[first];
+    rest.iter().all(|&index| {
+        let other = readings[index];
+        let turn = match (seen.orientation, other.orientation) {
+            (Some(a), Some(b)) => rotation_vector(&(b * a.inverse()).into_inner()),
+            (None, None) => Vector3::zeros(),
+            _ => return false,
+        };
+        let mut apart = Row::zeros();
+        apart
+            .fixed_rows_mut::<6>(0)
+            .copy_from(&stacked(&(other.position - seen.position), &turn));
+        let unlike = whiteners[first].unlike(&whiteners[index]) + turn.norm();
+        unlike * whiteners[first].squares(&apart).sqrt() < SMALL
+    })
 }
 
 impl Problem for CampaignProblem<'_> {
     fn linearise(&self, p: &[f64]) -> Linear {
-        let blocks = self.map_parts(p, triangle::triangle);
-        solve::reduce(blocks, self.free.len())
+        let found = self.map_blocks(p, self.parts.len(), |part, place| {
+            let (block, lacking) = self.summed(self.parts[part].clone(), place);
+            (triangle::triangle(block), lacking)
+        });
+        let (blocks, lacking): (Vec<_>, Vec<f64>) = found.into_iter().unzip();
+        let mut linear = solve::reduce(blocks, self.free.len());
+        linear.rest += lacking.iter().sum::<f64>();
+        linear
     }
 
     fn scale(&self) -> &[f64] {
@@ -904,18 +1012,16 @@ fn cross_validated(
     readings: &[&Reading],
     whiteners: &[Whitener],
 ) -> Option<(Errors, usize)> {
-    let mut fold_of: BTreeMap<_, usize> = BTreeMap::new();
-    let folds: Vec<usize> = readings
+    // poses in order of appearance go round the folds
+    let poses = alike::numbered(readings.iter().map(|reading| pose_key(reading)));
+    if poses
         .iter()
-        .map(|reading| {
-            // poses in order of appearance go round the folds
-            let next = fold_of.len();
-            *fold_of.entry(pose_key(reading)).or_insert(next) % FOLDS
-        })
-        .collect();
-    if fold_of.len() < FEWEST_POSES {
+        .max()
+        .is_none_or(|&last| last + 1 < FEWEST_POSES)
+    {
         return None;
     }
+    let folds: Vec<usize> = poses.into_iter().map(|pose| pose % FOLDS).collect();
     let model = &fit.model;
     let of_fold = |fold: usize| {
         let inside = |keep: bool| -> Vec<usize> {

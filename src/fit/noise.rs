@@ -48,7 +48,25 @@ pub struct Whitener {
 impl Whitener {
     /// Writes the whitened rows of a residual, or of one column of its derivative.
     pub fn apply(&self, row: &Row, out: &mut impl FnMut(usize, f64)) {
-        let pose = self.inverse * row.fixed_rows::<6>(0);
+        self.apply_through(&self.inverse, row, out);
+    }
+
+    /// The whitening of a pose whose rotation vector answers to what it is given through `turn`.
+    pub fn through(&self, turn: &Matrix3<f64>) -> Matrix6<f64> {
+        let mut through = self.inverse;
+        let turned = self.inverse.fixed_columns::<3>(3) * turn;
+        through.fixed_columns_mut::<3>(3).copy_from(&turned);
+        through
+    }
+
+    /// As [`Whitener::apply`], the pose by a matrix that [`Whitener::through`] made.
+    pub fn apply_through(
+        &self,
+        through: &Matrix6<f64>,
+        row: &Row,
+        out: &mut impl FnMut(usize, f64),
+    ) {
+        let pose = through * row.fixed_rows::<6>(0);
         for k in 0..self.pose_rows {
             out(k, pose[k]);
         }
@@ -58,6 +76,17 @@ impl Whitener {
                 out(self.pose_rows + 3 + k, row[9 + k] * torque);
             }
         }
+    }
+
+    /// How much it differs from another, as a share of itself; infinite where that has other rows.
+    pub fn unlike(&self, other: &Self) -> f64 {
+        if self.rows != other.rows
+            || self.pose_rows != other.pose_rows
+            || self.wrench != other.wrench
+        {
+            return f64::INFINITY;
+        }
+        (self.inverse - other.inverse).norm() / self.inverse.norm()
     }
 
     /// Sum of squares of the whitened rows.

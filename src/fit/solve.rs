@@ -11,15 +11,19 @@
 
 use super::triangle::triangle;
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 
 /// Weakest singular value that counts: beyond 3.3 typical sizes of uncertainty nothing is learnt.
 pub const WEAK: f64 = 0.3;
 /// Singular values below this share of the largest are rounding.
 const ROUNDING: f64 = 1e-12;
-/// Converged when a step would move by less than this many standard deviations.
+/// Converged when the step after the present one would move by less than this many standard deviations, if steps go on
+/// to shrink as the last two did: most shrink faster.
 const SMALL_STEP: f64 = 1e-4;
 /// Or lower the cost by less than this share of it.
 const SMALL_GAIN: f64 = 1e-12;
+/// Steps shrink when one is to lower the cost by less than this share of what the one before was to.
+const SHRINKING: f64 = 0.01;
 const ITERATIONS: usize = 50;
 /// Enough to reach the strongest directions there are, `s = 1e10`: each is ten times the one before.
 const DAMPINGS: usize = 24;
@@ -88,6 +92,8 @@ pub fn solve(
     let (mut p, centre) = (within(start), within(centre));
     let mut linear = problem.linearise(&p);
     let mut damping = 0.0;
+    // what the step before was to lower the cost by, if it was a full one
+    let mut taken: Option<f64> = None;
     for iteration in 0..ITERATIONS {
         let whole = with_prior(problem, &linear, &p, &centre);
         let cost = whole.cost();
@@ -103,13 +109,18 @@ pub fn solve(
             let step = bounded_step(problem, &whole, &p, damping);
             let gain = gain_of(&step);
             let next = moved(problem, &p, &step);
-            if damping == 0.0 && (gain < SMALL_STEP.powi(2) || gain < SMALL_GAIN * cost) {
+            let after = match taken {
+                Some(taken) if gain < SHRINKING * taken => gain / taken * gain,
+                _ => gain,
+            };
+            if damping == 0.0 && (after < SMALL_STEP.powi(2) || after < SMALL_GAIN * cost) {
                 return stop(problem, next, linear, true, iteration);
             }
             // most steps are taken, and the next one begins with this
             let there = problem.linearise(&next);
             let reached = there.cost() + distance(problem, &next, &centre);
             if reached < cost {
+                taken = (damping == 0.0).then_some(gain);
                 damping = if damping > 10.0 * LEAST_DAMPING && reached < cost - 0.25 * gain {
                     damping * 0.1
                 } else {
@@ -117,6 +128,13 @@ pub fn solve(
                 };
                 accepted = Some((next, there));
                 break;
+            }
+            if damping == 0.0 {
+                accepted = corrected(problem, &next, &there, &centre, cost);
+                if accepted.is_some() {
+                    taken = Some(gain);
+                    break;
+                }
             }
             damping = (damping * 10.0).max(LEAST_DAMPING);
         }
@@ -130,6 +148,29 @@ pub fn solve(
         }
     }
     stop(problem, p, linear, false, ITERATIONS)
+}
+
+/// One more full step from where one went up instead of down, if both together go down: along a curved valley the first
+/// leaves its floor, and the second returns to it farther on. None where that is not so.
+///
+/// Source: the watchdog technique of Chamberlain, Powell, Lemaréchal, Pedersen 1982, *Mathematical Programming Study* 16, 1.
+fn corrected(
+    problem: &dyn Problem,
+    p: &[f64],
+    linear: &Linear,
+    centre: &[f64],
+    cost: f64,
+) -> Option<(Vec<f64>, Linear)> {
+    let whole = with_prior(problem, linear, p, centre);
+    let step = bounded_step(problem, &whole, p, 0.0);
+    let expected = (&whole.factor * &step + &whole.right).norm_squared() + whole.rest;
+    if expected.is_nan() || expected >= cost {
+        return None;
+    }
+    let next = moved(problem, p, &step);
+    let there = problem.linearise(&next);
+    let reached = there.cost() + distance(problem, &next, centre);
+    (reached < cost).then_some((next, there))
 }
 
 /// The prior's share of the cost.
@@ -155,7 +196,7 @@ fn with_prior(problem: &dyn Problem, linear: &Linear, p: &[f64], centre: &[f64])
         stacked[(rows + k, k)] = strength;
         stacked[(rows + k, n)] = strength * (p[k] - centre[k]) / problem.scale()[k];
     }
-    let mut whole = reduce([triangle(stacked)], n);
+    let mut whole = reduce(vec![triangle(stacked)], n);
     whole.rest += linear.rest;
     whole
 }
@@ -317,23 +358,19 @@ impl Spectrum {
     }
 }
 
-/// Reduces stacked blocks `[J | r]` to triangular form, one block after the other.
-pub fn reduce(blocks: impl IntoIterator<Item = DMatrix<f64>>, columns: usize) -> Linear {
-    let mut kept: Option<DMatrix<f64>> = None;
-    for block in blocks {
-        let stacked = match kept {
-            None => block,
-            Some(above) => {
-                let mut both = DMatrix::zeros(above.nrows() + block.nrows(), columns + 1);
-                both.rows_mut(0, above.nrows()).copy_from(&above);
-                both.rows_mut(above.nrows(), block.nrows())
-                    .copy_from(&block);
-                both
-            }
-        };
-        kept = Some(triangle(stacked));
+/// Reduces stacked blocks `[J | r]` to triangular form: in groups of neighbours, those again, until one is left.
+pub fn reduce(mut blocks: Vec<DMatrix<f64>>, columns: usize) -> Linear {
+    /// Blocks stacked on each other at once; fixed, so that the result does not depend on threads.
+    const STACKED: usize = 8;
+    while blocks.len() > 1 {
+        let groups = blocks.par_chunks(STACKED);
+        blocks = groups
+            .map(|group| triangle(stack(group, columns + 1)))
+            .collect();
     }
-    let triangle = kept.unwrap_or_else(|| DMatrix::zeros(0, columns + 1));
+    let triangle = blocks
+        .pop()
+        .unwrap_or_else(|| DMatrix::zeros(0, columns + 1));
     let rows = triangle.nrows().min(columns);
     let rest = (rows..triangle.nrows())
         .map(|row| triangle[(row, columns)].powi(2))
@@ -346,4 +383,14 @@ pub fn reduce(blocks: impl IntoIterator<Item = DMatrix<f64>>, columns: usize) ->
             .into_owned(),
         rest,
     }
+}
+
+fn stack(blocks: &[DMatrix<f64>], columns: usize) -> DMatrix<f64> {
+    let mut all = DMatrix::zeros(blocks.iter().map(DMatrix::nrows).sum(), columns);
+    let mut row = 0;
+    for block in blocks {
+        all.rows_mut(row, block.nrows()).copy_from(block);
+        row += block.nrows();
+    }
+    all
 }

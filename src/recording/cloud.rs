@@ -71,10 +71,10 @@ fn fill(
     let data = description::urdf(robot, file);
     recorder.message(topic, 0, 0, &Text { data })?;
     let topic = channel::<Transforms, _>(&mut recorder.writer, TF_STATIC, true)?;
-    let transforms = links(robot, &header(0, ""));
+    let transforms = links(robot, "", &header(0, ""));
     recorder.message(topic, 0, 0, &Transforms { transforms })?;
     let topic = channel::<Transforms, _>(&mut recorder.writer, TF, false)?;
-    let transforms = moving(robot, joints, &header(0, ""));
+    let transforms = moving(robot, joints, &header(0, ""), |_| true);
     recorder.message(topic, 0, 0, &Transforms { transforms })?;
     for cloud in clouds {
         let topic = format!("/map/{}", cloud.name);

@@ -37,8 +37,10 @@ mod tests {
             let pose = poses[&t.header.frame_id] * pose;
             poses.insert(t.child_frame_id.clone(), pose);
         };
-        moving(robot, joints, &header).iter().for_each(&mut add);
-        links(robot, &header).iter().for_each(&mut add);
+        moving(robot, joints, &header, |_| true)
+            .iter()
+            .for_each(&mut add);
+        links(robot, "", &header).iter().for_each(&mut add);
         poses
     }
 

@@ -3,14 +3,16 @@
 use super::error::RecordingError;
 use super::messages::{
     FitProgress, JointState, Message, PointCloud, PoseStamped, ReadingMessage, Rung, Text,
-    Transforms, WrenchStamped, Xyz, decode,
+    TransformStamped, Transforms, WrenchStamped, Xyz, decode,
 };
 use super::records::{damaged, each_record};
-use super::results::{self, FIT_PROGRESS, LADDER_CLOUD, LADDER_RUNG, Progress, Results, VERDICT};
+use super::results::{
+    self, FIT_PROGRESS, FITTED, LADDER_CLOUD, LADDER_RUNG, Progress, Results, VERDICT,
+};
 use super::write::Holds;
 use super::{
     CAMPAIGN_FILE, CAMPAIGN_RECORD, CDR, COMMANDS_FORMAT, FORMAT, JOINT_STATES, READING,
-    RUN_RECORD, TF, TRACKER_POSE, WRENCH,
+    RUN_RECORD, TF, TF_STATIC, TRACKER_POSE, WRENCH,
 };
 use crate::campaign::{
     Campaign, Document, Payload, Reading, RobotFile, Split, Target, Wrench, plain_file_name,
@@ -100,8 +102,10 @@ struct Contents {
     run: BTreeMap<String, String>,
     /// Are the topics below wanted?
     with_results: bool,
-    /// Frames of the fitted robot's links, by log time.
+    /// Frames of the fitted robot's bodies that move, by log time.
     fitted: BTreeMap<u64, Transforms>,
+    /// Of those that do not, by name.
+    fixed: BTreeMap<String, TransformStamped>,
     /// By log time, as the clouds.
     rungs: BTreeMap<u64, Rung>,
     clouds: BTreeMap<u64, PointCloud>,
@@ -188,6 +192,15 @@ impl Contents {
             }
             _ if !self.with_results => Ok(()),
             TF => at.keep(&mut self.fitted, at.decode(channel, data)?),
+            TF_STATIC => {
+                at.check_count(self.fixed.len())?;
+                let fixed: Transforms = at.decode(channel, data)?;
+                let own = fixed.transforms.into_iter();
+                let own = own.filter(|frame| frame.child_frame_id.starts_with(FITTED));
+                self.fixed
+                    .extend(own.map(|frame| (frame.child_frame_id.clone(), frame)));
+                Ok(())
+            }
             LADDER_RUNG => at.keep(&mut self.rungs, at.decode(channel, data)?),
             LADDER_CLOUD => at.keep(&mut self.clouds, at.decode(channel, data)?),
             FIT_PROGRESS => {
@@ -256,7 +269,8 @@ impl Contents {
             found.steps.push(results::step(rung, cloud, robot)?);
         }
         for transforms in std::mem::take(&mut self.fitted).into_values() {
-            found.links.push(results::links(robot, &transforms)?);
+            let links = results::links(robot, &transforms, &self.fixed)?;
+            found.links.push(links);
         }
         results::check(&found, campaign)?;
         Ok(Some(found))

@@ -5,11 +5,12 @@ use super::messages::{
     Text, TransformStamped, Transforms, Vector3Stamped,
 };
 use super::transforms::{pose, stamped, xyz, xyzw};
-use super::write::{Recorder, channel, header};
+use super::write::{Encoded, Recorder, channel, header};
 use crate::campaign::{Campaign, Reading};
 use crate::plot::colour;
-use crate::robot::Robot;
+use crate::robot::{Body, Robot};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use std::collections::BTreeMap;
 use std::io::{self, Seek, Write};
 
 /// What models say of each reading of a campaign.
@@ -64,7 +65,7 @@ pub(super) const LADDER_RUNG: &str = "/ladder/rung";
 const LADDER_ERROR: &str = "/ladder/error_mm";
 pub(super) const FIT_PROGRESS: &str = "/fit/progress";
 pub(super) const VERDICT: &str = "/verdict";
-/// Before a link's name: the frame of the fitted robot's link.
+/// Before a link's name: the frame of that link of the fitted robot.
 pub(super) const FITTED: &str = "fitted/";
 
 /// Names, offsets and datatypes (7: 32-bit float, 6: 32-bit unsigned, 8: 64-bit float) of the fields of a rung's points:
@@ -149,69 +150,97 @@ pub(super) fn check(results: &Results, campaign: &Campaign) -> Result<(), String
     }
 }
 
-/// The frame of each link of the fitted robot, in that of the base's first link.
-pub(super) fn fitted_links(
-    robot: &Robot,
-    links: &[Isometry3<f64>],
-    time: u64,
-) -> Vec<TransformStamped> {
-    let base = robot.bodies.first().map_or("base", |body| &body.name);
-    let from_base = robot.body_from_frame(0).inverse();
-    let of = |(link, pose): (&crate::robot::Link, &Isometry3<f64>)| {
-        let child = format!("{FITTED}{}", link.name);
-        stamped(&header(time, ""), base, child, &(from_base * pose))
+/// Frames of the bodies of the fitted robot that its links stand in, each in that of the body before it; the first body's
+/// in the nominal one.
+pub(super) fn fitted_bodies(robot: &Robot, links: &[Isometry3<f64>]) -> Vec<Isometry3<f64>> {
+    let of = |body: usize| {
+        let mut own = robot.links.iter().zip(links);
+        let own = own.find(|(link, _)| link.body == body);
+        own.map_or_else(Isometry3::identity, |(link, pose)| {
+            pose * link.body_from_link.inverse() * robot.body_from_frame(body)
+        })
     };
-    robot.links.iter().zip(links).map(of).collect()
+    let frames: Vec<Isometry3<f64>> = (0..robot.bodies.len()).map(of).collect();
+    let before = |body: usize| match body {
+        0 => robot.body_from_frame(0),
+        _ => frames[robot.joints[body - 1].parent],
+    };
+    let each = frames.iter().enumerate();
+    each.map(|(body, frame)| before(body).inverse() * frame)
+        .collect()
+}
+
+/// Some of these frames.
+pub(super) fn fitted_frames(
+    robot: &Robot,
+    bodies: &[Isometry3<f64>],
+    time: u64,
+    wanted: impl Fn(usize) -> bool,
+) -> Vec<TransformStamped> {
+    let all = robot.bodies.iter().zip(bodies).enumerate();
+    let wanted = all.filter(|(index, _)| wanted(*index));
+    let frame = |(index, (body, pose)): (usize, (&Body, &Isometry3<f64>))| {
+        let parent = match index {
+            0 => body.name.clone(),
+            _ => {
+                let parent = robot.joints[index - 1].parent;
+                format!("{FITTED}{}", robot.bodies[parent].name)
+            }
+        };
+        let child = format!("{FITTED}{}", body.name);
+        stamped(&header(time, ""), &parent, child, pose)
+    };
+    wanted.map(frame).collect()
+}
+
+/// What the first and the last model say of one reading, in the frame called `tracker`.
+pub(super) fn predictions(
+    channels: &ResultChannels,
+    results: &Results,
+    (index, reading): (usize, &Reading),
+    time: u64,
+    tracker: &str,
+    out: &mut Encoded,
+) -> io::Result<()> {
+    let (Some(first), Some(last)) = (results.steps.first(), results.steps.last()) else {
+        return Ok(());
+    };
+    let models = [
+        (first, channels.nominal_pose, channels.nominal_residual),
+        (last, channels.fitted_pose, channels.fitted_residual),
+    ];
+    let mut positions = Vec::with_capacity(models.len());
+    let mut orientations = Vec::with_capacity(models.len());
+    for (step, pose_channel, residual_channel) in models {
+        let predicted = &step.predicted[index];
+        let message = PoseStamped {
+            header: header(time, tracker),
+            position: xyz(&predicted.translation.vector),
+            orientation: xyzw(&predicted.rotation),
+        };
+        out.add(pose_channel, &message)?;
+        let residual = reading.position - predicted.translation.vector;
+        let message = Vector3Stamped {
+            header: header(time, tracker),
+            vector: xyz(&residual),
+        };
+        out.add(residual_channel, &message)?;
+        positions.push(1e3 * residual.norm());
+        if let Some(measured) = reading.orientation {
+            orientations.push(1e3 * measured.angle_to(&predicted.rotation));
+        }
+    }
+    let labels = ["nominal", "fitted"];
+    let message = array(&labels, positions);
+    out.add(channels.position_norms, &message)?;
+    if !orientations.is_empty() {
+        let message = array(&labels, orientations);
+        out.add(channels.orientation_norms, &message)?;
+    }
+    Ok(())
 }
 
 impl<W: Write + Seek> Recorder<W> {
-    /// What the first and the last model say of one reading, in the frame called `tracker`.
-    pub(super) fn predictions(
-        &mut self,
-        channels: &ResultChannels,
-        results: &Results,
-        (index, reading): (usize, &Reading),
-        (sequence, time): (u32, u64),
-        tracker: &str,
-    ) -> io::Result<()> {
-        let (Some(first), Some(last)) = (results.steps.first(), results.steps.last()) else {
-            return Ok(());
-        };
-        let models = [
-            (first, channels.nominal_pose, channels.nominal_residual),
-            (last, channels.fitted_pose, channels.fitted_residual),
-        ];
-        let mut positions = Vec::with_capacity(models.len());
-        let mut orientations = Vec::with_capacity(models.len());
-        for (step, pose_channel, residual_channel) in models {
-            let predicted = &step.predicted[index];
-            let message = PoseStamped {
-                header: header(time, tracker),
-                position: xyz(&predicted.translation.vector),
-                orientation: xyzw(&predicted.rotation),
-            };
-            self.message(pose_channel, sequence, time, &message)?;
-            let residual = reading.position - predicted.translation.vector;
-            let message = Vector3Stamped {
-                header: header(time, tracker),
-                vector: xyz(&residual),
-            };
-            self.message(residual_channel, sequence, time, &message)?;
-            positions.push(1e3 * residual.norm());
-            if let Some(measured) = reading.orientation {
-                orientations.push(1e3 * measured.angle_to(&predicted.rotation));
-            }
-        }
-        let labels = ["nominal", "fitted"];
-        let message = array(&labels, positions);
-        self.message(channels.position_norms, sequence, time, &message)?;
-        if !orientations.is_empty() {
-            let message = array(&labels, orientations);
-            self.message(channels.orientation_norms, sequence, time, &message)?;
-        }
-        Ok(())
-    }
-
     /// The steps: the first at `start`, so that a viewer has it from the beginning, the others a second each after `end`;
     /// then the verdict.
     pub(super) fn steps(
@@ -345,19 +374,32 @@ pub(super) fn step(rung: Rung, cloud: &PointCloud, robot: &Robot) -> Result<Step
     })
 }
 
-/// The frames of the fitted robot's links, by link of the robot; base frame.
-pub(super) fn links(robot: &Robot, transforms: &Transforms) -> Result<Vec<Isometry3<f64>>, String> {
-    let frame = robot.body_from_frame(0);
-    let of = |link: &crate::robot::Link| {
-        let name = format!("{FITTED}{}", link.name);
-        let found = transforms
-            .transforms
-            .iter()
-            .find(|t| t.child_frame_id == name);
-        let found = found.ok_or_else(|| format!("no frame {name:?} in a message on /tf"))?;
-        Ok(frame * pose(&found.translation, &found.rotation)?)
-    };
-    robot.links.iter().map(of).collect()
+/// The frames of the fitted robot's links, by link of the robot, in the base frame: from those of its bodies, which stand
+/// in a message on /tf, or in one on /tf_static if they do not move.
+pub(super) fn links(
+    robot: &Robot,
+    moving: &Transforms,
+    fixed: &BTreeMap<String, TransformStamped>,
+) -> Result<Vec<Isometry3<f64>>, String> {
+    let mut frames: Vec<Isometry3<f64>> = Vec::with_capacity(robot.bodies.len());
+    for (index, body) in robot.bodies.iter().enumerate() {
+        let name = format!("{FITTED}{}", body.name);
+        let mut moving = moving.transforms.iter();
+        let found = moving.find(|t| t.child_frame_id == name);
+        let found = found.or_else(|| fixed.get(&name));
+        let found = found.ok_or_else(|| format!("no frame {name:?} on /tf or /tf_static"))?;
+        // in that of the body before it, or in the base
+        let before = match (index, found.header.frame_id.starts_with(FITTED)) {
+            (1.., true) => frames[robot.joints[index - 1].parent],
+            _ => robot.body_from_frame(0),
+        };
+        frames.push(before * pose(&found.translation, &found.rotation)?);
+    }
+    let back =
+        |(body, frame): (usize, &Isometry3<f64>)| frame * robot.body_from_frame(body).inverse();
+    let bodies: Vec<Isometry3<f64>> = frames.iter().enumerate().map(back).collect();
+    let links = robot.links.iter();
+    Ok(links.map(|l| bodies[l.body] * l.body_from_link).collect())
 }
 
 fn array(labels: &[&str], data: Vec<f64>) -> Float64MultiArray {

@@ -14,48 +14,51 @@ pub(super) fn tracker_frame(robot: &Robot) -> String {
     name
 }
 
-/// Links fixed to their body, and the tracker if its place is known: from the campaign, or as `found`.
-pub(super) fn fixed(
+/// The tracker if its place is known: from the campaign, or as `found`.
+pub(super) fn tracker(
     campaign: &Campaign,
     found: Option<&Isometry3<f64>>,
     header: &Header,
-) -> Vec<TransformStamped> {
+) -> Option<TransformStamped> {
     let robot = &campaign.robot;
-    let mut transforms = Vec::new();
-    let known = match campaign.base_from_tracker {
-        Frame::Known(pose) => Some(pose),
-        Frame::Estimate => found.copied(),
+    let base_from_tracker = match campaign.base_from_tracker {
+        Frame::Known(pose) => pose,
+        Frame::Estimate => *found?,
     };
-    if let (Some(base_from_tracker), Some(base)) = (known, robot.bodies.first()) {
-        // The first body's frame need not be that of the link it is named after.
-        let link_from_tracker = robot.body_from_frame(0).inverse() * base_from_tracker;
-        let child = tracker_frame(robot);
-        transforms.push(stamped(header, &base.name, child, &link_from_tracker));
-    }
-    transforms.extend(links(robot, header));
-    transforms
+    // The first body's frame need not be that of the link it is named after.
+    let link_from_tracker = robot.body_from_frame(0).inverse() * base_from_tracker;
+    let base = &robot.bodies.first()?.name;
+    let child = tracker_frame(robot);
+    Some(stamped(header, base, child, &link_from_tracker))
 }
 
-/// Links in the frame of the first link of their body.
-pub(super) fn links(robot: &Robot, header: &Header) -> Vec<TransformStamped> {
+/// Links in the frame of the first link of their body, `before` each name.
+pub(super) fn links(robot: &Robot, before: &str, header: &Header) -> Vec<TransformStamped> {
     let mut transforms = Vec::new();
     for link in &robot.links {
         if let Some(body) = robot.bodies.get(link.body)
             && body.name != link.name
         {
             let pose = robot.body_from_frame(link.body).inverse() * link.body_from_link;
-            transforms.push(stamped(header, &body.name, link.name.clone(), &pose));
+            let (parent, child) = (format!("{before}{}", body.name), &link.name);
+            transforms.push(stamped(header, &parent, format!("{before}{child}"), &pose));
         }
     }
     transforms
 }
 
-/// Every moving joint at these angles, rad or m.
-pub(super) fn moving(robot: &Robot, joints: &[f64], header: &Header) -> Vec<TransformStamped> {
+/// These joints at these angles, rad or m.
+pub(super) fn moving(
+    robot: &Robot,
+    joints: &[f64],
+    header: &Header,
+    wanted: impl Fn(usize) -> bool,
+) -> Vec<TransformStamped> {
     let mut transforms = Vec::with_capacity(robot.joints.len());
     for (index, (joint, q)) in robot.joints.iter().zip(joints).enumerate() {
-        if let (Some(parent), Some(child)) =
-            (robot.bodies.get(joint.parent), robot.bodies.get(index + 1))
+        if wanted(index)
+            && let (Some(parent), Some(child)) =
+                (robot.bodies.get(joint.parent), robot.bodies.get(index + 1))
         {
             let pose = robot.body_from_frame(joint.parent).inverse()
                 * joint.parent_from_joint

@@ -2,11 +2,13 @@
 
 use super::error::RecordingError;
 use super::messages::{
-    Header, JointState, Message, PoseStamped, ReadingMessage, Temperature, Text, Time, Transforms,
-    WrenchStamped, encode, schema,
+    Header, JointState, Message, PoseStamped, ReadingMessage, Temperature, Text, Time,
+    TransformStamped, Transforms, WrenchStamped, encode, schema,
 };
-use super::results::{self, ResultChannels, Results, fitted_links};
-use super::transforms::{fixed, moving, tracker_frame, xyz, xyzw};
+use super::results::{
+    self, FITTED, ResultChannels, Results, fitted_bodies, fitted_frames, predictions,
+};
+use super::transforms::{links, moving, tracker, tracker_frame, xyz, xyzw};
 use super::{
     CAMPAIGN_FILE, CAMPAIGN_RECORD, CDR, COMMANDS_FORMAT, FORMAT, JOINT_STATES, READING,
     ROBOT_DESCRIPTION, RUN_RECORD, TEMPERATURE, TF, TF_STATIC, TRACKER_POSE, WRENCH, description,
@@ -15,6 +17,7 @@ use crate::campaign::{Campaign, Reading, Split, render_document, write_atomicall
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, Compression, WriteOptions, Writer};
 use nalgebra::{Isometry3, UnitQuaternion};
+use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Seek, Write};
@@ -95,7 +98,11 @@ pub fn write_campaign(
     })
 }
 
-fn fill(campaign: &Campaign, file: impl Write + Seek, beside: &Beside<'_>) -> io::Result<()> {
+fn fill(
+    campaign: &Campaign,
+    file: impl Write + Seek + Send,
+    beside: &Beside<'_>,
+) -> io::Result<()> {
     let mut recorder = Recorder {
         writer: writer(file)?,
     };
@@ -132,7 +139,7 @@ pub(super) fn writer<W: Write + Seek>(file: W) -> io::Result<Writer<W>> {
         .compression(Some(Compression::Zstd))
         // One thread and a fixed level: the bytes must not depend on the machine.
         .compression_threads(0)
-        .compression_level(3)
+        .compression_level(1)
         .chunk_size(Some(1 << 20))
         .create(file)
         .map_err(io::Error::other)
@@ -256,6 +263,16 @@ impl<W: Write + Seek> Recorder<W> {
         message: &M,
     ) -> io::Result<()> {
         let bytes = encode(message).map_err(io::Error::other)?;
+        self.bytes(channel, sequence, log_time, &bytes)
+    }
+
+    fn bytes(
+        &mut self,
+        channel: u16,
+        sequence: u32,
+        log_time: u64,
+        bytes: &[u8],
+    ) -> io::Result<()> {
         let header = MessageHeader {
             channel_id: channel,
             sequence,
@@ -263,7 +280,7 @@ impl<W: Write + Seek> Recorder<W> {
             publish_time: log_time,
         };
         self.writer
-            .write_to_known_channel(&header, &bytes)
+            .write_to_known_channel(&header, bytes)
             .map_err(io::Error::other)
     }
 
@@ -272,76 +289,177 @@ impl<W: Write + Seek> Recorder<W> {
         campaign: &Campaign,
         channels: &Channels,
         results: Option<&Results>,
-    ) -> io::Result<()> {
+    ) -> io::Result<()>
+    where
+        W: Send,
+    {
+        /// Readings encoded at once, while those before them are compressed.
+        const AT_ONCE: usize = 256;
         let times = log_times(&campaign.readings);
         let start = times.first().copied().unwrap_or_default();
         let end = times.last().copied().unwrap_or_default();
-        let tracker = tracker_frame(&campaign.robot);
         let robot = &campaign.robot;
         let description = Text {
             data: description::urdf(robot, &campaign.robot_file),
         };
         self.message(channels.robot_description, 0, start, &description)?;
-        let last = results.and_then(|results| results.steps.last());
-        let found = last.map(|step| &step.base_from_tracker);
-        let transforms = fixed(campaign, found, &header(start, ""));
+        let scene = Scene::of(campaign, results);
+        let transforms = scene.fixed(start);
         self.message(channels.tf_static, 0, start, &Transforms { transforms })?;
-        for (index, (reading, time)) in campaign.readings.iter().zip(times).enumerate() {
-            let sequence = u32::try_from(index).map_err(io::Error::other)?;
-            let found =
-                results.map(|results| (&results.links[index][..], &results.torques[index][..]));
-            self.reading(campaign, channels, reading, (sequence, time), found)?;
-            if let (Some(results), Some(channels)) = (results, &channels.results) {
-                let at = (sequence, time);
-                self.predictions(channels, results, (index, reading), at, &tracker)?;
-            }
+        let encode = |first: usize| -> Vec<io::Result<Encoded>> {
+            let last = (first + AT_ONCE).min(times.len());
+            (first..last)
+                .into_par_iter()
+                .map(|index| scene.reading(channels, index, times[index]))
+                .collect()
+        };
+        let mut ready = encode(0);
+        let mut first = 0;
+        while !ready.is_empty() {
+            let next = first + ready.len();
+            let write = || -> io::Result<()> {
+                for (index, encoded) in (first..next).zip(ready) {
+                    let sequence = u32::try_from(index).map_err(io::Error::other)?;
+                    let Encoded { bytes, ends } = encoded?;
+                    let mut begin = 0;
+                    for (channel, end) in ends {
+                        self.bytes(channel, sequence, times[index], &bytes[begin..end])?;
+                        begin = end;
+                    }
+                }
+                Ok(())
+            };
+            let (written, more) = rayon::join(write, || encode(next));
+            written?;
+            (first, ready) = (next, more);
         }
         if let (Some(results), Some(channels)) = (results, &channels.results) {
-            self.steps(channels, campaign, results, (start, end), &tracker)?;
+            self.steps(channels, campaign, results, (start, end), &scene.tracker)?;
         }
         Ok(())
     }
+}
 
-    fn reading(
-        &mut self,
-        campaign: &Campaign,
-        channels: &Channels,
-        reading: &Reading,
-        (sequence, time): (u32, u64),
-        found: Option<(&[Isometry3<f64>], &[f64])>,
-    ) -> io::Result<()> {
-        let robot = &campaign.robot;
+/// Messages of one reading, one behind the other, each with its channel and its end.
+pub(super) struct Encoded {
+    bytes: Vec<u8>,
+    ends: Vec<(u16, usize)>,
+}
+
+impl Encoded {
+    pub(super) fn add<M: Message>(&mut self, channel: u16, message: &M) -> io::Result<()> {
+        let message = encode(message).map_err(io::Error::other)?;
+        self.bytes.extend(message);
+        self.ends.push((channel, self.bytes.len()));
+        Ok(())
+    }
+}
+
+/// What all readings have in common.
+struct Scene<'a> {
+    campaign: &'a Campaign,
+    results: Option<&'a Results>,
+    /// Name of the tracker's frame.
+    tracker: String,
+    /// Names of the joints.
+    names: Vec<String>,
+    /// By joints: do their angles change?
+    turns: Vec<bool>,
+    /// Frames of the fitted robot's bodies, by readings.
+    fitted: Vec<Vec<Isometry3<f64>>>,
+    /// By bodies: do they move?
+    moves: Vec<bool>,
+}
+
+impl<'a> Scene<'a> {
+    fn of(campaign: &'a Campaign, results: Option<&'a Results>) -> Self {
+        let (robot, readings) = (&campaign.robot, &campaign.readings);
+        let links = results.map_or(&[][..], |results| &results.links);
+        let fitted: Vec<Vec<_>> = (links.par_iter())
+            .map(|links| fitted_bodies(robot, links))
+            .collect();
+        let turns = |j: usize| {
+            readings
+                .iter()
+                .any(|r| r.joints[j] != readings[0].joints[j])
+        };
+        let moved = |a: &Isometry3<f64>, b: &Isometry3<f64>| {
+            // frames are quotients: what stands still does so to rounding
+            const ROUNDING: f64 = 1e-12;
+            let apart = (a.translation.vector - b.translation.vector).norm();
+            let turned = (a.rotation.coords - b.rotation.coords).norm();
+            apart > ROUNDING || turned > ROUNDING
+        };
+        let moves = |body: usize| fitted.iter().any(|all| moved(&all[body], &fitted[0][body]));
+        Self {
+            campaign,
+            results,
+            tracker: tracker_frame(robot),
+            names: robot.joints.iter().map(|j| j.name.clone()).collect(),
+            turns: (0..robot.joints.len()).map(turns).collect(),
+            moves: (0..robot.bodies.len()).map(moves).collect(),
+            fitted,
+        }
+    }
+
+    /// What does not move: links on their bodies, joints that are not turned, and the tracker if its place is known.
+    fn fixed(&self, time: u64) -> Vec<TransformStamped> {
+        let robot = &self.campaign.robot;
+        let header = header(time, "");
+        let last = self.results.and_then(|results| results.steps.last());
+        let found = last.map(|step| &step.base_from_tracker);
+        let mut transforms: Vec<_> = tracker(self.campaign, found, &header).into_iter().collect();
+        transforms.extend(links(robot, "", &header));
+        if let Some(first) = self.campaign.readings.first() {
+            transforms.extend(moving(robot, &first.joints, &header, |j| !self.turns[j]));
+        }
+        if let Some(first) = self.fitted.first() {
+            transforms.extend(links(robot, FITTED, &header));
+            transforms.extend(fitted_frames(robot, first, time, |body| !self.moves[body]));
+        }
+        transforms
+    }
+
+    fn reading(&self, channels: &Channels, index: usize, time: u64) -> io::Result<Encoded> {
+        let reading = &self.campaign.readings[index];
+        let robot = &self.campaign.robot;
         let base = robot.bodies.first().map_or("base", |body| &body.name);
-        let target = &campaign.targets[reading.target];
+        let target = &self.campaign.targets[reading.target];
         let link = &robot.links[target.link].name;
+        let mut out = Encoded {
+            bytes: Vec::with_capacity(4096),
+            ends: Vec::with_capacity(16),
+        };
 
+        let torques = self.results.map(|results| results.torques[index].clone());
         let joints = JointState {
             header: header(time, base),
-            name: robot.joints.iter().map(|j| j.name.clone()).collect(),
+            name: self.names.clone(),
             position: reading.joints.clone(),
             velocity: Vec::new(),
-            effort: found.map_or_else(Vec::new, |(_, torques)| torques.to_vec()),
+            effort: torques.unwrap_or_default(),
         };
-        self.message(channels.joint_states, sequence, time, &joints)?;
-        let mut transforms = moving(robot, &reading.joints, &header(time, ""));
-        if let Some((links, _)) = found {
-            transforms.extend(fitted_links(robot, links, time));
+        out.add(channels.joint_states, &joints)?;
+        let header_of = |frame: &str| header(time, frame);
+        let mut transforms = moving(robot, &reading.joints, &header_of(""), |j| self.turns[j]);
+        if let Some(bodies) = self.fitted.get(index) {
+            transforms.extend(fitted_frames(robot, bodies, time, |body| self.moves[body]));
         }
-        self.message(channels.tf, sequence, time, &Transforms { transforms })?;
+        out.add(channels.tf, &Transforms { transforms })?;
         let orientation = reading.orientation.unwrap_or_else(UnitQuaternion::identity);
         let pose = PoseStamped {
-            header: header(time, &tracker_frame(robot)),
+            header: header(time, &self.tracker),
             position: xyz(&reading.position),
             orientation: xyzw(&orientation),
         };
-        self.message(channels.tracker_pose, sequence, time, &pose)?;
+        out.add(channels.tracker_pose, &pose)?;
         if let Some(wrench) = &reading.wrench {
             let wrench = WrenchStamped {
                 header: header(time, link),
                 force: xyz(&wrench.force),
                 torque: xyz(&wrench.torque),
             };
-            self.message(channels.wrench, sequence, time, &wrench)?;
+            out.add(channels.wrench, &wrench)?;
         }
         if let Some(temperature) = reading.temperature {
             let temperature = Temperature {
@@ -349,7 +467,7 @@ impl<W: Write + Seek> Recorder<W> {
                 temperature,
                 variance: 0.0,
             };
-            self.message(channels.temperature, sequence, time, &temperature)?;
+            out.add(channels.temperature, &temperature)?;
         }
         let rest = ReadingMessage {
             header: header(time, link),
@@ -380,7 +498,12 @@ impl<W: Write + Seek> Recorder<W> {
                 .flat_map(|p| [p.mass, p.com.x, p.com.y, p.com.z])
                 .collect(),
         };
-        self.message(channels.reading, sequence, time, &rest)
+        out.add(channels.reading, &rest)?;
+        if let (Some(results), Some(channels)) = (self.results, &channels.results) {
+            let tracker = &self.tracker;
+            predictions(channels, results, (index, reading), time, tracker, &mut out)?;
+        }
+        Ok(out)
     }
 }
 

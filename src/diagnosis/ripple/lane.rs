@@ -19,7 +19,7 @@ pub struct Lane<'a> {
     /// Squared motion at each.
     weight: Vec<f64>,
     /// Products of motion and basis, angles by directions: only their products with each other count.
-    basis: DMatrix<f64>,
+    basis: Columns,
     /// Products of motion and residual.
     residual: DVector<f64>,
     /// By frequency.
@@ -38,7 +38,7 @@ impl<'a> Lane<'a> {
         moments: Vec<Moments>,
         of_postures: &[f64],
         squares: &DVector<f64>,
-        basis: &DMatrix<f64>,
+        basis: DMatrixView<'_, f64>,
         residual: &DVector<f64>,
     ) -> Option<Self> {
         let angles = distinct(of_postures)?;
@@ -64,14 +64,14 @@ impl<'a> Lane<'a> {
             angles,
             place,
             weight,
-            basis: DMatrix::zeros(0, 0),
+            basis: Columns::new(DMatrix::zeros(0, 0)),
             residual: DVector::zeros(0),
             moments,
             done: 0,
             trials,
         };
-        lane.basis = compact(lane.by_angle(basis));
-        lane.done = lane.basis.ncols();
+        lane.basis = Columns::new(compact(lane.by_angle(&basis)));
+        lane.done = lane.basis.count;
         lane.residual = lane.by_angle(residual);
         Some(lane)
     }
@@ -97,14 +97,14 @@ impl<'a> Lane<'a> {
     /// Columns behind those of the basis, and another residual; the moments know of them after the next update.
     pub fn push(&mut self, fresh: DMatrixView<'_, f64>, residual: &DVector<f64>) {
         let fresh = self.by_angle(&fresh);
-        append(&mut self.basis, fresh.as_view());
+        self.basis.push(fresh.as_view());
         self.residual = self.by_angle(residual);
     }
 
     /// Takes the directions that are new out of all moments, and the residual's products anew.
     pub fn update(&mut self) {
-        let count = self.basis.ncols() - self.done;
-        let directions = self.basis.columns(self.done, count).into_owned();
+        let count = self.basis.count - self.done;
+        let directions = self.basis.all().columns(self.done, count).into_owned();
         let parts = self.grid.batches(&self.angles, |batch, sin, cos| {
             let mut moments = self.moments[batch].to_vec();
             let (along_s, along_c) = (sin * &directions, cos * &directions);
@@ -116,7 +116,7 @@ impl<'a> Lane<'a> {
             moments
         });
         self.moments = parts.concat();
-        self.done = self.basis.ncols();
+        self.done = self.basis.count;
     }
 
     /// The moments at any number of cycles.
@@ -124,7 +124,8 @@ impl<'a> Lane<'a> {
         let waves = self.angles.iter().map(|q| (cycles * q).sin_cos());
         let (sin, cos): (Vec<f64>, Vec<f64>) = waves.unzip();
         let (sin, cos) = (DVector::from_vec(sin), DVector::from_vec(cos));
-        let (along_s, along_c) = (self.basis.tr_mul(&sin), self.basis.tr_mul(&cos));
+        let basis = self.basis.all();
+        let (along_s, along_c) = (basis.tr_mul(&sin), basis.tr_mul(&cos));
         let weighted = |a: &DVector<f64>, b: &DVector<f64>| -> f64 {
             let terms = self.weight.iter().zip(a.iter().zip(b.iter()));
             terms.map(|(w, (a, b))| w * a * b).sum()
@@ -147,9 +148,36 @@ fn compact(columns: DMatrix<f64>) -> DMatrix<f64> {
     triangle(columns.transpose()).transpose()
 }
 
-/// Columns behind columns.
-pub fn append(matrix: &mut DMatrix<f64>, more: DMatrixView<'_, f64>) {
-    let before = matrix.ncols();
-    matrix.resize_horizontally_mut(before + more.ncols(), 0.0);
-    matrix.columns_mut(before, more.ncols()).copy_from(&more);
+/// Columns to which more are added, with room for those to come.
+pub struct Columns {
+    room: DMatrix<f64>,
+    /// How many there are.
+    pub count: usize,
+}
+
+impl Columns {
+    /// These.
+    pub fn new(columns: DMatrix<f64>) -> Self {
+        Self {
+            count: columns.ncols(),
+            room: columns,
+        }
+    }
+
+    /// All of them.
+    pub fn all(&self) -> DMatrixView<'_, f64> {
+        self.room.columns(0, self.count)
+    }
+
+    /// Adds some behind.
+    pub fn push(&mut self, more: DMatrixView<'_, f64>) {
+        let count = self.count + more.ncols();
+        if count > self.room.ncols() {
+            self.room.resize_horizontally_mut(count + count / 4, 0.0);
+        }
+        self.room
+            .columns_mut(self.count, more.ncols())
+            .copy_from(&more);
+        self.count = count;
+    }
 }

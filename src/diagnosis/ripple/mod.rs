@@ -32,6 +32,8 @@ use sums::Sums;
 pub const EFFECT: &str = "gear_ripple";
 /// Waves taken up at most in one search.
 const MOST: usize = 48;
+/// And in a first one.
+const FEW: usize = 16;
 
 /// One wave found.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -129,26 +131,35 @@ pub fn scan(
         .collect();
     let begin = |folds: &[usize]| Search::new(&sums, &grids, folds, *against, own_noise);
     let all: Vec<usize> = (0..folds::FOLDS).collect();
-    let mut search = begin(&all);
-    search.grow(alarm, MOST);
-    let most = search.found.len();
-    if most == 0 {
-        return None;
+    // up to `wanted` waves, and how many of them predict poses left out
+    let grown = |wanted: usize| {
+        let mut search = begin(&all);
+        search.grow(alarm, wanted);
+        let most = search.found.len();
+        if most == 0 {
+            return (search, 0);
+        }
+        let errors: Vec<Vec<f64>> = (0..folds::FOLDS)
+            .into_par_iter()
+            .map(|fold| {
+                let kept: Vec<usize> = all.iter().copied().filter(|&f| f != fold).collect();
+                let mut search = begin(&kept);
+                // of fewer readings a wave of all may be less sure
+                search.grow(alarm.sqrt(), most);
+                let errors = predicted(&sums, &search.found, &kept, fold);
+                (0..=most)
+                    .map(|k| errors[k.min(errors.len() - 1)])
+                    .collect()
+            })
+            .collect();
+        let keep = predicting(&errors, most);
+        (search, keep)
+    };
+    let (mut search, mut keep) = grown(FEW);
+    // where the last half of them tells nothing of other poses, those to come would not either
+    if search.found.len() == FEW && keep > FEW / 2 {
+        (search, keep) = grown(MOST);
     }
-    let errors: Vec<Vec<f64>> = (0..folds::FOLDS)
-        .into_par_iter()
-        .map(|fold| {
-            let kept: Vec<usize> = all.iter().copied().filter(|&f| f != fold).collect();
-            let mut search = begin(&kept);
-            // of fewer readings a wave of all may be less sure
-            search.grow(alarm.sqrt(), most);
-            let errors = predicted(&sums, &search.found, &kept, fold);
-            (0..=most)
-                .map(|k| errors[k.min(errors.len() - 1)])
-                .collect()
-        })
-        .collect();
-    let keep = predicting(&errors, most);
     if keep == 0 {
         // no wave predicts poses that it has not seen
         return None;

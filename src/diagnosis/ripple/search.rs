@@ -1,7 +1,7 @@
 //! A search for waves on some of the poses: the best is taken up, and the scan goes on without what it explains.
 
 use super::grid::{Grid, Moments, STEPS};
-use super::lane::{Lane, append};
+use super::lane::{Columns, Lane};
 use super::sums::{Column, Sums};
 use crate::diagnosis::score::Against;
 use crate::fit::solve;
@@ -14,8 +14,9 @@ const APART: f64 = 1.0;
 const NEAR: f64 = 3.0;
 /// Steps that refine all cycles together.
 const REFINEMENTS: usize = 6;
-/// Golden sections of a peak: to a hundred-thousandth of its width.
-const SECTIONS: usize = 24;
+/// Parabolas through a peak at most, and the share of its width by which the last moves it.
+const PARABOLAS: usize = 10;
+const SMALL: f64 = 1e-5;
 
 /// A wave as the search knows it.
 #[derive(Debug, Clone)]
@@ -33,7 +34,7 @@ pub struct Peak {
 /// A joint's products with what the model can do and what is left over.
 struct Products {
     /// With orthonormal columns that span the base model and, behind them, the waves found; postures by columns.
-    basis: DMatrix<f64>,
+    basis: Columns,
     /// With what they leave of the residual, by postures.
     residual: DVector<f64>,
     /// With what the base model alone leaves.
@@ -83,7 +84,7 @@ impl<'a> Search<'a> {
             let basis = joint.with_base.select_rows(&postures) * &root;
             let residual = joint.with_residual.select_rows(&postures) - &basis * &along;
             Products {
-                basis,
+                basis: Columns::new(basis),
                 of_base: residual.clone(),
                 residual,
             }
@@ -131,7 +132,14 @@ impl<'a> Search<'a> {
         let cross = self.sums.cross(joint, joint).select_rows(&self.postures);
         let own = &self.products[joint];
         let angles: Vec<f64> = angles.collect();
-        Lane::new(grid, moments, &angles, &cross, &own.basis, &own.residual)
+        Lane::new(
+            grid,
+            moments,
+            &angles,
+            &cross,
+            own.basis.all(),
+            &own.residual,
+        )
     }
 
     /// By joint: the height of the pair that stands highest over its frequencies, and its place.
@@ -167,10 +175,12 @@ impl<'a> Search<'a> {
         }
         let (_, joint, place) = best?;
         let lane = self.lanes[joint].as_ref()?;
-        let middle = lane.grid.frequency(place);
-        let (cycles, chi2) = highest(middle - lane.grid.step, middle + lane.grid.step, |cycles| {
-            lane.at(cycles).chi2(variance)
+        let near = [place.saturating_sub(1), place, place + 1].map(|place| {
+            let moments = lane.moments.get(place);
+            let chi2 = moments.map_or(0.0, |m| m.chi2(variance));
+            (lane.grid.frequency(place), chi2)
         });
+        let (cycles, chi2) = highest(near, |cycles| lane.at(cycles).chi2(variance));
         let pair = self.against.p_value(chi2, 2.0);
         // z = -ln p, capped where p is zero in the computer's numbers
         let root = (-pair.max(f64::MIN_POSITIVE).ln()).sqrt();
@@ -255,7 +265,7 @@ impl<'a> Search<'a> {
         let [sin, cos] = sums.pair(&self.postures, peak.joint, peak.cycles, 1.0);
         let own = &self.products[peak.joint];
         let pair = DMatrix::from_columns(&[sin.values.clone(), cos.values.clone()]);
-        let along = own.basis.tr_mul(&pair);
+        let along = own.basis.all().tr_mul(&pair);
         let product = |a: &Column, b: &Column| sums.product(&self.postures, a, b);
         let (ss, sc, cc) = (
             product(&sin, &sin),
@@ -277,20 +287,20 @@ impl<'a> Search<'a> {
         let joints = self.products.par_iter_mut().enumerate();
         joints.for_each(|(joint, products)| {
             let cross = sums.cross(joint, peak.joint).select_rows(&self.postures);
-            let mut fresh = -(&products.basis * &along);
+            let mut fresh = -(products.basis.all() * &along);
             for (mut fresh, wave) in fresh.column_iter_mut().zip(pair.column_iter()) {
                 fresh += cross.component_mul(&wave);
             }
             let fresh = fresh * turn;
             products.residual -= &fresh * taken;
-            append(&mut products.basis, fresh.as_view());
+            products.basis.push(fresh.as_view());
         });
         self.directions += 2;
         let lanes = self.lanes.par_iter_mut().zip(&self.products);
         lanes.for_each(|(lane, products)| {
             if let Some(lane) = lane {
-                let before = products.basis.ncols() - 2;
-                lane.push(products.basis.columns(before, 2), &products.residual);
+                let basis = products.basis.all();
+                lane.push(basis.columns(basis.ncols() - 2, 2), &products.residual);
             }
         });
         self.found.push(peak);
@@ -330,7 +340,7 @@ impl<'a> Search<'a> {
         let along: Vec<DVector<f64>> = columns
             .par_iter()
             .map(|column| {
-                let basis = &self.products[column.joint].basis;
+                let basis = self.products[column.joint].basis.all();
                 basis.columns(0, self.rank).tr_mul(&column.values)
             })
             .collect();
@@ -456,23 +466,28 @@ fn orthonormal(gram: &DMatrix<f64>) -> DMatrix<f64> {
     root
 }
 
-/// The highest point between two, by golden sections.
-fn highest(mut low: f64, mut high: f64, of: impl Fn(f64) -> f64) -> (f64, f64) {
-    const SECTION: f64 = 0.618_033_988_749_894_9;
-    let (mut a, mut b) = (high - SECTION * (high - low), low + SECTION * (high - low));
-    let (mut at_a, mut at_b) = (of(a), of(b));
-    for _ in 0..SECTIONS {
-        if at_a > at_b {
-            (high, b, at_b) = (b, a, at_a);
-            a = high - SECTION * (high - low);
-            at_a = of(a);
-        } else {
-            (low, a, at_a) = (a, b, at_b);
-            b = low + SECTION * (high - low);
-            at_b = of(b);
+/// The highest point of a peak, from three on it: the middle one is replaced by the vertex of a parabola through all, until
+/// that hardly moves. Where none of the two outer points is lower there is no peak, and the middle one stays.
+fn highest(near: [(f64, f64); 3], of: impl Fn(f64) -> f64) -> (f64, f64) {
+    let [mut low, mut top, mut high] = near;
+    let width = high.0 - low.0;
+    for _ in 0..PARABOLAS {
+        let (left, right) = (top.0 - low.0, high.0 - top.0);
+        let (a, b) = (right * (top.1 - low.1), left * (top.1 - high.1));
+        let vertex = top.0 + 0.5 * (right * a - left * b) / (a + b);
+        let inside = vertex > low.0 && vertex < high.0;
+        if !inside || (vertex - top.0).abs() < SMALL * width {
+            break;
         }
+        let next = (vertex, of(vertex));
+        (low, top, high) = match (next.1 > top.1, next.0 > top.0) {
+            (true, true) => (top, next, high),
+            (true, false) => (low, next, top),
+            (false, true) => (low, top, next),
+            (false, false) => (next, top, high),
+        };
     }
-    if at_a > at_b { (a, at_a) } else { (b, at_b) }
+    top
 }
 
 /// A number to the decimals that its deviation leaves sense in.

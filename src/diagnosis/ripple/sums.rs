@@ -8,9 +8,10 @@ use crate::campaign::Reading;
 use crate::diagnosis::folds;
 use crate::diagnosis::motion::Motion;
 use crate::fit::Fit;
+use crate::fit::alike::{angles, members, numbered};
 use crate::robot::JointKind;
-use nalgebra::{DMatrix, DVector};
-use std::collections::BTreeMap;
+use nalgebra::{DMatrix, DMatrixView, DVector};
+use rayon::prelude::*;
 
 /// A joint that turns; its motion is the whitened motion of the target by it.
 pub struct Turning {
@@ -60,18 +61,10 @@ impl Sums {
         base: usize,
     ) -> Self {
         let fold_of = folds::by_pose(readings);
-        let mut places: BTreeMap<(usize, Vec<u64>), usize> = BTreeMap::new();
-        let (mut fold, mut first) = (Vec::new(), Vec::new());
-        let mut posture = Vec::new();
-        for (index, (reading, &own)) in readings.iter().zip(&fold_of).enumerate() {
-            let angles = reading.joints.iter().map(|q| q.to_bits()).collect();
-            let place = *places.entry((own, angles)).or_insert(fold.len());
-            if place == fold.len() {
-                fold.push(own);
-                first.push(index);
-            }
-            posture.push(place);
-        }
+        let own = readings.iter().zip(&fold_of);
+        let postures = numbered(own.map(|(reading, fold)| (fold, angles(reading))));
+        let members = members(&postures);
+        let fold: Vec<usize> = members.iter().map(|own| fold_of[own[0]]).collect();
         let setup = &fit.model.setup;
         let turns =
             |place: &usize| setup.robot.joints[setup.observed[*place]].kind != JointKind::Prismatic;
@@ -80,7 +73,9 @@ impl Sums {
             let joint = setup.observed[place];
             let name = setup.robot.joints[joint].name.clone();
             Turning {
-                angles: first.iter().map(|&i| readings[i].joints[joint]).collect(),
+                angles: (members.iter())
+                    .map(|own| readings[own[0]].joints[joint])
+                    .collect(),
                 known: (known.iter().filter(|wave| wave.0 == name))
                     .map(|wave| wave.1)
                     .collect(),
@@ -107,44 +102,49 @@ impl Sums {
             rows: vec![0; folds::FOLDS],
             folds: fold,
         };
+        // where the rows of each reading are
         let (mut block, mut row) = (0, 0);
+        let mut begin = Vec::with_capacity(readings.len());
         for (index, motion) in motions.iter().enumerate() {
             let rows = motion.rates.nrows();
-            if rows == 0 {
-                continue;
-            }
-            if row == blocks[block].nrows() {
+            if rows > 0 && row == blocks[block].nrows() {
                 (block, row) = (block + 1, 0);
             }
-            let own = blocks[block].rows(row, rows);
-            let rates = motion.rates.select_columns(&turning);
-            sums.add(posture[index], &rates, own, base);
+            begin.push((block, row));
             sums.rows[fold_of[index]] += rows;
             row += rows;
         }
-        sums
-    }
-
-    /// Adds the rows of one reading.
-    fn add(
-        &mut self,
-        posture: usize,
-        rates: &DMatrix<f64>,
-        own: nalgebra::DMatrixView<'_, f64>,
-        base: usize,
-    ) {
-        let count = self.joints.len();
-        let residual = own.column(own.ncols() - 1);
-        for (i, rate) in rates.column_iter().enumerate() {
-            let joint = &mut self.joints[i];
-            joint.with_residual[posture] += rate.dot(&residual);
-            for k in 0..base {
-                joint.with_base[(posture, k)] += rate.dot(&own.column(k));
+        let of = |members: &Vec<usize>| {
+            // motions with the base model's columns, with the residual, and with each other
+            let mut products = DMatrix::zeros(count, base + 1 + count);
+            for &index in members {
+                let rates = motions[index].rates.select_columns(&turning);
+                let (block, row) = begin[index];
+                let own = blocks[block].rows(row, rates.nrows());
+                let turned = rates.transpose();
+                let mut add = |first: usize, columns: DMatrixView<'_, f64>| {
+                    let mut place = products.columns_mut(first, columns.ncols());
+                    place.gemm(1.0, &turned, &columns, 1.0);
+                };
+                add(0, own.columns(0, base));
+                add(base, own.columns(own.ncols() - 1, 1));
+                add(base + 1, rates.as_view());
             }
-            for (j, other) in rates.column_iter().enumerate() {
-                self.cross[i * count + j][posture] += rate.dot(&other);
+            products
+        };
+        let found: Vec<DMatrix<f64>> = members.par_iter().map(of).collect();
+        for (posture, products) in found.iter().enumerate() {
+            for (i, joint) in sums.joints.iter_mut().enumerate() {
+                let own = products.row(i);
+                let mut with_base = joint.with_base.row_mut(posture);
+                with_base.copy_from(&own.columns(0, base));
+                joint.with_residual[posture] = own[base];
+                for j in 0..count {
+                    sums.cross[i * count + j][posture] = own[base + 1 + j];
+                }
             }
         }
+        sums
     }
 
     /// Products of the motions of two joints, by posture.
@@ -191,18 +191,14 @@ impl Sums {
                 normal[(row, base + a)] = value;
                 normal[(base + a, row)] = value;
             };
-            let mut along = DVector::zeros(base);
-            let mut residual = 0.0;
-            for (&p, &value) in postures.iter().zip(&column.values) {
-                for k in 0..base {
-                    along[k] += joint.with_base[(p, k)] * value;
-                }
-                residual += joint.with_residual[p] * value;
-            }
+            let product = |of: &[f64]| -> f64 {
+                let values = postures.iter().zip(&column.values);
+                values.map(|(&p, value)| of[p] * value).sum()
+            };
             for k in 0..base {
-                set(k, along[k]);
+                set(k, product(joint.with_base.column(k).as_slice()));
             }
-            set(all, residual);
+            set(all, product(joint.with_residual.as_slice()));
             for (b, other) in columns.iter().enumerate().take(a + 1) {
                 set(base + b, self.product(&postures, column, other));
             }
