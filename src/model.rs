@@ -685,6 +685,7 @@ impl Workspace {
     ) {
         jacobian.fill(0.0);
         self.entries.clear();
+        self.dual_deviations.fill(constant(0.0));
         for index in 0..model.terms.len() {
             self.term_entries(model, index, p, wanted, reading, jacobian);
         }
@@ -914,7 +915,6 @@ impl Workspace {
                     *dual = wrench.map(constant);
                 }
             }
-            self.dual_deviations.fill(constant(0.0));
             let mut posture = Posture {
                 setup: &model.setup,
                 reading,
@@ -938,17 +938,22 @@ impl Workspace {
                 term.effect.perturb_dual(&duals, &mut posture);
             }
             let (tracker, target) = (posture.base_from_tracker, posture.link_from_target);
-            for (slot, value) in self.dual_deviations.iter().enumerate() {
-                let Some(rates) = rates(value) else { continue };
-                for (direction, &k) in chunk.iter().enumerate() {
-                    if rates[direction] != 0.0 {
-                        self.entries.push(Entry {
-                            slot,
-                            parameter: term.first + k,
-                            value: rates[direction],
-                        });
+            for (slot, value) in self.dual_deviations.iter_mut().enumerate() {
+                if let Some(rates) = rates(value) {
+                    for (direction, &k) in chunk.iter().enumerate() {
+                        if rates[direction] != 0.0 {
+                            self.entries.push(Entry {
+                                slot,
+                                parameter: term.first + k,
+                                value: rates[direction],
+                            });
+                        }
                     }
+                } else if value.re == 0.0 {
+                    continue;
                 }
+                // few are touched: to clean these alone is sooner done
+                *value = constant(0.0);
             }
             if term.effect.stage() == Stage::Instrument {
                 for (direction, &k) in chunk.iter().enumerate() {

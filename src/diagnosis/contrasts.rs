@@ -49,6 +49,8 @@ impl Field<'_> {
     }
 }
 
+/// Readings whose products are summed at once.
+const TOGETHER: usize = 512;
 /// Degrees of freedom below which a contrast says nothing.
 const FEWEST: f64 = 3.0;
 
@@ -167,24 +169,34 @@ fn time(field: &Field) -> Option<Moment> {
     }
     let most = field.places.iter().map(|place| place.2).max()?;
     // products of the trends with each other, with the basis, and with the residual, which is beside that
-    let mut squares = DMatrix::zeros(2 * most, 2 * most);
-    let mut through = DMatrix::zeros(field.rank, 2 * most);
-    let mut gradient = DVector::zeros(2 * most);
-    for (index, &time) in times.iter().enumerate() {
-        let u = 2.0 * (time - first) / (last - first) - 1.0;
-        for (k, column) in field.of(index).column_iter().enumerate() {
-            let trends = [(2 * k, u), (2 * k + 1, u * u)];
-            for (a, one) in trends {
-                through
-                    .column_mut(a)
-                    .axpy(one, &column.rows(0, field.rank), 1.0);
-                gradient[a] += one * column[field.rank];
-                for (b, other) in trends {
-                    squares[(a, b)] += one * other;
+    let products = |part: &[usize]| {
+        let mut squares = DMatrix::zeros(2 * most, 2 * most);
+        let mut through = DMatrix::zeros(field.rank, 2 * most);
+        let mut gradient = DVector::zeros(2 * most);
+        for &index in part {
+            let u = 2.0 * (times[index] - first) / (last - first) - 1.0;
+            for (k, column) in field.of(index).column_iter().enumerate() {
+                let trends = [(2 * k, u), (2 * k + 1, u * u)];
+                for (a, one) in trends {
+                    through
+                        .column_mut(a)
+                        .axpy(one, &column.rows(0, field.rank), 1.0);
+                    gradient[a] += one * column[field.rank];
+                    for (b, other) in trends {
+                        squares[(a, b)] += one * other;
+                    }
                 }
             }
         }
-    }
+        (squares, through, gradient)
+    };
+    let all: Vec<usize> = (0..times.len()).collect();
+    let parts: Vec<_> = all.par_chunks(TOGETHER).map(products).collect();
+    // in order, so that the sum does not depend on threads
+    let sum = parts
+        .into_iter()
+        .reduce(|(a, b, c), (d, e, f)| (a + d, b + e, c + f));
+    let (squares, through, gradient) = sum?;
     // what the base model leaves of them
     let eigen = (squares - through.tr_mul(&through)).symmetric_eigen();
     let mut moment = Moment::default();

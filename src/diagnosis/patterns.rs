@@ -182,13 +182,19 @@ fn seen(field: &Field, fit: &Fit, motions: &[Motion]) -> (Vec<Seen>, DMatrix<f64
         })
         .collect();
     let mut torques = DMatrix::zeros(n, setup.observed.len());
-    for (index, motion) in motions.iter().enumerate() {
-        let through = field.of(index) * &motion.rates;
-        for (place, seen) in all.iter_mut().enumerate() {
+    let through: Vec<DMatrix<f64>> = (motions.par_iter().enumerate())
+        .map(|(index, motion)| field.of(index) * &motion.rates)
+        .collect();
+    all.par_iter_mut().enumerate().for_each(|(place, seen)| {
+        for (index, (through, motion)) in through.iter().zip(motions).enumerate() {
             let column = through.column(place);
             seen.through.set_column(index, &column.rows(0, rank));
             seen.pull[index] = column[rank];
             seen.weight[index] = motion.rates.column(place).norm_squared();
+        }
+    });
+    for (index, motion) in motions.iter().enumerate() {
+        for (place, seen) in all.iter().enumerate() {
             torques[(index, place)] = motion.torques[seen.joint];
         }
     }

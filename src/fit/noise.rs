@@ -9,6 +9,7 @@ use crate::campaign::{Campaign, Noise, Reading};
 use crate::dual_quaternion::rotation_vector;
 use crate::model::{Model, Row, Rows, stacked, wrench_is_measured};
 use nalgebra::{Matrix3, Matrix6, Vector3};
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// Noise below this is rounding: one standard deviation, m and rad.
@@ -110,7 +111,7 @@ pub fn whiteners(model: &Model, p: &[f64], readings: &[&Reading], noise: &Noise)
     } else {
         vec![Matrix6::zeros(); readings.len()]
     };
-    let each = readings.iter().zip(repeatability);
+    let each = readings.par_iter().zip(repeatability);
     each.map(|(reading, joints)| {
         let covariance = tracker_covariance(reading, noise) + joints;
         whitener(reading, &covariance, noise)
