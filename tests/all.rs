@@ -26,6 +26,7 @@ mod hostile;
 mod house;
 mod kinematics;
 mod map;
+mod nist;
 mod plan;
 mod plant;
 mod plot;

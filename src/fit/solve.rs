@@ -22,8 +22,10 @@ const ROUNDING: f64 = 1e-12;
 const SMALL_STEP: f64 = 1e-4;
 /// Or lower the cost by less than this share of it.
 const SMALL_GAIN: f64 = 1e-12;
-/// Steps shrink when one is to lower the cost by less than this share of what the one before was to.
+/// Steps shrink when one is to lower the cost by less than this share of what the one before was to ...
 const SHRINKING: f64 = 0.01;
+/// ... and are believed to go on so when that is less than this share of the cost.
+const NEAR: f64 = 1e-6;
 const ITERATIONS: usize = 50;
 /// Enough to reach the strongest directions there are, `s = 1e10`: each is ten times the one before.
 const DAMPINGS: usize = 24;
@@ -110,7 +112,9 @@ pub fn solve(
             let gain = gain_of(&step);
             let next = moved(problem, &p, &step);
             let after = match taken {
-                Some(taken) if gain < SHRINKING * taken => gain / taken * gain,
+                Some(taken) if gain < SHRINKING * taken && gain < NEAR * cost => {
+                    gain / taken * gain
+                }
                 _ => gain,
             };
             if damping == 0.0 && (after < SMALL_STEP.powi(2) || after < SMALL_GAIN * cost) {

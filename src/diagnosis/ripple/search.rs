@@ -14,9 +14,8 @@ const APART: f64 = 1.0;
 const NEAR: f64 = 3.0;
 /// Steps that refine all cycles together.
 const REFINEMENTS: usize = 6;
-/// Parabolas through a peak at most, and the share of its width by which the last moves it.
-const PARABOLAS: usize = 10;
-const SMALL: f64 = 1e-5;
+/// Golden sections of a peak: to a hundred-thousandth of its width.
+const SECTIONS: usize = 24;
 
 /// A wave as the search knows it.
 #[derive(Debug, Clone)]
@@ -175,12 +174,10 @@ impl<'a> Search<'a> {
         }
         let (_, joint, place) = best?;
         let lane = self.lanes[joint].as_ref()?;
-        let near = [place.saturating_sub(1), place, place + 1].map(|place| {
-            let moments = lane.moments.get(place);
-            let chi2 = moments.map_or(0.0, |m| m.chi2(variance));
-            (lane.grid.frequency(place), chi2)
+        let middle = lane.grid.frequency(place);
+        let (cycles, chi2) = highest(middle - lane.grid.step, middle + lane.grid.step, |cycles| {
+            lane.at(cycles).chi2(variance)
         });
-        let (cycles, chi2) = highest(near, |cycles| lane.at(cycles).chi2(variance));
         let pair = self.against.p_value(chi2, 2.0);
         // z = -ln p, capped where p is zero in the computer's numbers
         let root = (-pair.max(f64::MIN_POSITIVE).ln()).sqrt();
@@ -466,28 +463,23 @@ fn orthonormal(gram: &DMatrix<f64>) -> DMatrix<f64> {
     root
 }
 
-/// The highest point of a peak, from three on it: the middle one is replaced by the vertex of a parabola through all, until
-/// that hardly moves. Where none of the two outer points is lower there is no peak, and the middle one stays.
-fn highest(near: [(f64, f64); 3], of: impl Fn(f64) -> f64) -> (f64, f64) {
-    let [mut low, mut top, mut high] = near;
-    let width = high.0 - low.0;
-    for _ in 0..PARABOLAS {
-        let (left, right) = (top.0 - low.0, high.0 - top.0);
-        let (a, b) = (right * (top.1 - low.1), left * (top.1 - high.1));
-        let vertex = top.0 + 0.5 * (right * a - left * b) / (a + b);
-        let inside = vertex > low.0 && vertex < high.0;
-        if !inside || (vertex - top.0).abs() < SMALL * width {
-            break;
+/// The highest point between two, by golden sections.
+fn highest(mut low: f64, mut high: f64, of: impl Fn(f64) -> f64) -> (f64, f64) {
+    const SECTION: f64 = 0.618_033_988_749_894_9;
+    let (mut a, mut b) = (high - SECTION * (high - low), low + SECTION * (high - low));
+    let (mut at_a, mut at_b) = (of(a), of(b));
+    for _ in 0..SECTIONS {
+        if at_a > at_b {
+            (high, b, at_b) = (b, a, at_a);
+            a = high - SECTION * (high - low);
+            at_a = of(a);
+        } else {
+            (low, a, at_a) = (a, b, at_b);
+            b = low + SECTION * (high - low);
+            at_b = of(b);
         }
-        let next = (vertex, of(vertex));
-        (low, top, high) = match (next.1 > top.1, next.0 > top.0) {
-            (true, true) => (top, next, high),
-            (true, false) => (low, next, top),
-            (false, true) => (low, top, next),
-            (false, false) => (next, top, high),
-        };
     }
-    top
+    if at_a > at_b { (a, at_a) } else { (b, at_b) }
 }
 
 /// A number to the decimals that its deviation leaves sense in.
