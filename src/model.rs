@@ -648,17 +648,18 @@ impl Workspace {
         reading: &Reading,
         jacobian: &mut Rows,
     ) -> Prediction {
-        self.sensitivity_near(model, p, wanted, reading, jacobian, &[])
+        let prediction = self.prepare(model, p, reading, &[]);
+        self.derivative(model, p, wanted, reading, jacobian);
+        prediction
     }
 
-    /// The same, the equilibrium sought from the [`Workspace::deviations`] of one that is near, if there are any.
-    pub fn sensitivity_near(
+    /// Predicts one reading, and how it answers deviations: what [`Workspace::derivative`] goes on from. The equilibrium is
+    /// sought from the [`Workspace::deviations`] of one that is `near`, if there are any.
+    pub fn prepare(
         &mut self,
         model: &Model,
         p: &[f64],
-        wanted: &[bool],
         reading: &Reading,
-        jacobian: &mut Rows,
         near: &[f64],
     ) -> Prediction {
         let mut prediction = None;
@@ -669,13 +670,12 @@ impl Workspace {
         }
         let prediction = prediction.unwrap_or_else(|| self.predict(model, p, reading));
         self.prepare_response(model, p, reading);
-        self.sensitivity_again(model, p, wanted, reading, jacobian);
         prediction
     }
 
-    /// The derivative of a reading that has the prediction of the last one: it differs in nothing, or in what only effects
-    /// with parameters of zero see.
-    pub fn sensitivity_again(
+    /// The derivative of the reading last prepared, as [`Workspace::sensitivity`] has it; or of one that differs from it
+    /// only in what effects with parameters of zero see.
+    pub fn derivative(
         &mut self,
         model: &Model,
         p: &[f64],
@@ -707,8 +707,7 @@ impl Workspace {
         reading: &Reading,
         jacobian: &mut Rows,
     ) -> Prediction {
-        let prediction = self.predict(model, p, reading);
-        self.prepare_response(model, p, reading);
+        let prediction = self.prepare(model, p, reading, &[]);
         for joint in 0..model.setup.robot.joints.len() {
             let row = self.slot_row(model, reading, joint);
             jacobian.set_column(joint, &row);

@@ -287,6 +287,43 @@ fn derivatives_are_those_of_the_prediction() {
     });
 }
 
+/// A workspace leaves bodies where they last stood: what it says does not depend on what it was asked before.
+#[test]
+fn a_used_workspace_says_what_a_fresh_one_does() {
+    for_all(|entry, what, setup| {
+        let random = &mut random(37);
+        let mut parts = base(setup, entry.id, random);
+        parts.push(about_typical(setup, entry.id, 1.0, random));
+        let twins = Twins::new(setup, &sorted(parts));
+        let (model, p) = (&twins.model, &twins.p);
+        let wanted = vec![true; p.len()];
+        let mut used = Workspace::new(setup);
+        let (mut a, mut b) = (Rows::zeros(p.len()), Rows::zeros(p.len()));
+        let mut reading = full_reading(setup, 0, random);
+        for round in 0..6 {
+            // one joint alone, the load alone, all of it, nothing
+            match round % 4 {
+                0 => reading.joints[round % setup.robot.joints.len()] += 0.3,
+                1 => reading.payload = Some(payload(2.0)),
+                2 => reading = full_reading(setup, round % setup.targets.len(), random),
+                _ => {}
+            }
+            let found = used.sensitivity(model, p, &wanted, &reading, &mut a);
+            let fresh = Workspace::new(setup).sensitivity(model, p, &wanted, &reading, &mut b);
+            assert_eq!(found.position, fresh.position, "{what}, {round}");
+            assert_eq!(found.orientation, fresh.orientation, "{what}, {round}");
+            assert_eq!(found.wrench, fresh.wrench, "{what}, {round}");
+            assert_eq!(a, b, "{what}, {round}");
+        }
+        // from an equilibrium that is near it is the same to rounding
+        let near = used.deviations().to_vec();
+        reading.joints[0] += 1e-3;
+        let far = Workspace::new(setup).predict(model, p, &reading);
+        let found = used.prepare(model, p, &reading, &near);
+        assert!((found.position - far.position).norm() < 1e-13, "{what}");
+    });
+}
+
 /// Fourth-order central differences of position, orientation and wrench by one parameter.
 fn differences(
     workspace: &mut Workspace,

@@ -1,9 +1,10 @@
 //! Identification: scenarios' expectations, what must not matter, what cannot be seen, and a real robot.
 
 use crate::common::{campaign, file, link_pose, motion, posture, random, reading};
-use crate::common::{sda5f, six_axis};
+use crate::common::{effect, sda5f, six_axis};
 use misfit::campaign::{Campaign, Frame, Reading, Split};
-use misfit::fit::solve::Problem;
+use misfit::effects::{CATALOGUE, Need};
+use misfit::fit::solve::{Linear, Problem, reduce, solve};
 use misfit::fit::{CampaignProblem, Fit, Options, Status, fit, noise};
 use misfit::model_file;
 use misfit::scenario::Scenario;
@@ -12,7 +13,7 @@ use misfit::scenario::efficiency::{study, true_values};
 use misfit::scenario::expect::{check_fit, compare};
 use misfit::scenario::simulate::simulate;
 use misfit::setup::Setup;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{DMatrix, Isometry3, Vector3};
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 
@@ -144,6 +145,140 @@ fn slopes_of_the_cost_are_its_differences() {
             (found - slope).abs() < limit,
             "parameter {k}: {found:e}, {slope:e}"
         );
+    }
+}
+
+/// A campaign of repeats: its readings, repeats together, and a model with the frames and springs that it has.
+fn with_repeats() -> (Campaign, Fit) {
+    let mut scenario = scenario("efficiency");
+    scenario.design.poses = 10;
+    scenario.design.repeats = 3;
+    let mut campaign = simulate(&scenario, || {}).unwrap();
+    let order = |r: &Reading| (r.pose.clone(), r.payload.map(|p| p.mass.to_bits()), r.line);
+    campaign.readings.sort_by_key(order);
+    let fit = fitted(&campaign, None);
+    assert!(fit.converged);
+    (campaign, fit)
+}
+
+/// The solver adds repeats up: what it has of them is what all rows, one by one, say.
+#[test]
+fn sums_of_repeats_say_what_their_rows_do() {
+    let (campaign, fit) = with_repeats();
+    let readings: Vec<&Reading> = campaign.readings.iter().collect();
+    let shape = campaign.noise.unwrap();
+    let whiteners = noise::whiteners(&fit.model, &fit.values, &readings, &shape);
+    let problem = CampaignProblem::new(&fit.model, &readings, &whiteners, &fit.free, &fit.values);
+    let mut p: Vec<f64> = fit.free.iter().map(|&k| fit.values[k]).collect();
+    // off the minimum, where the residual is not small
+    p.iter_mut().for_each(|x| *x *= 1.001);
+    let n = p.len();
+    let linear = problem.linearise(&p);
+    let all = |a: DMatrix<f64>, block: &DMatrix<f64>| a + block.transpose() * block;
+    let all = problem
+        .blocks(&p)
+        .iter()
+        .fold(DMatrix::zeros(n + 1, n + 1), all);
+    assert!((linear.cost() / all[(n, n)] - 1.0).abs() < 1e-12);
+    let information = linear.factor.transpose() * &linear.factor;
+    let slopes = linear.factor.transpose() * &linear.right;
+    for a in 0..n {
+        for b in 0..n {
+            let size = (all[(a, a)] * all[(b, b)]).sqrt();
+            assert!((information[(a, b)] - all[(a, b)]).abs() <= 1e-8 * size);
+        }
+        // far below what noise does to it
+        let error = (slopes[a] - all[(a, n)]).abs();
+        assert!(error <= 1e-3 * all[(a, a)].sqrt(), "{a}: {error:e}");
+    }
+}
+
+/// With parameters of zero an effect that reads the clock does nothing: repeats are predicted once, and each has the
+/// derivatives that it has alone.
+#[test]
+fn derivatives_at_rest_are_those_of_each_reading() {
+    let (mut campaign, fit) = with_repeats();
+    for (k, reading) in campaign.readings.iter_mut().enumerate() {
+        reading.time = Some(37.0 * (k * k % 101) as f64);
+        reading.temperature = Some(18.0 + (k * 7 % 13) as f64);
+    }
+    let readings: Vec<&Reading> = campaign.readings.iter().collect();
+    let whiteners = noise::whiteners(&fit.model, &fit.values, &readings, &campaign.noise.unwrap());
+    let mut tried = Vec::new();
+    for entry in CATALOGUE.iter().filter(|entry| entry.id != "expression") {
+        let effect = effect(entry.id);
+        let clock = |need: &Need| matches!(need, Need::Time | Need::Temperature);
+        if !effect.needs().iter().any(clock) {
+            continue;
+        }
+        let mut model = fit.model.with(&effect);
+        model.setup.time_zero = 1000.0;
+        let mut values = fit.values.clone();
+        let free: Vec<usize> = (values.len()..model.start().len()).collect();
+        values.resize(model.start().len(), 0.0);
+        let problem = CampaignProblem::new(&model, &readings, &whiteners, &free, &values);
+        let at = vec![0.0; free.len()];
+        let pairs = problem
+            .blocks(&at)
+            .into_iter()
+            .zip(problem.blocks_at_rest(&at));
+        for (alone, shared) in pairs {
+            let size = alone.amax().max(1.0);
+            assert!((alone - shared).amax() <= 1e-11 * size, "{}", entry.id);
+        }
+        tried.push(entry.id);
+    }
+    tried.sort_unstable();
+    assert_eq!(tried, ["frame_drift", "thermal_expansion"]);
+}
+
+/// Rosenbrock's valley: the first full step leaves its floor, the second ends at the minimum.
+#[test]
+fn a_curved_valley_is_crossed() {
+    struct Valley;
+    impl Problem for Valley {
+        fn linearise(&self, p: &[f64]) -> Linear {
+            let (x, y) = (p[0], p[1]);
+            let rows = [-200.0 * x, 100.0, 100.0 * (y - x * x), -1.0, 0.0, 1.0 - x];
+            reduce(vec![DMatrix::from_row_slice(2, 3, &rows)], 2)
+        }
+        fn scale(&self) -> &[f64] {
+            &[1.0, 1.0]
+        }
+        fn bounds(&self) -> &[(f64, f64)] {
+            &[(-9.0, 9.0), (-9.0, 9.0)]
+        }
+        fn prior(&self) -> f64 {
+            0.0
+        }
+    }
+    let found = solve(&Valley, &[-1.2, 1.0], &[0.0, 0.0], |_, _| {});
+    assert!(found.converged);
+    assert!(found.iterations <= 2, "{}", found.iterations);
+    assert!(
+        found.p.iter().all(|x| (x - 1.0).abs() < 1e-9),
+        "{:?}",
+        found.p
+    );
+}
+
+/// One block of any height says what the same rows say in many.
+#[test]
+fn rows_in_one_block_are_reduced_as_those_in_many() {
+    let rows = DMatrix::from_fn(37, 6, |i, k| ((3 * i + 1) as f64 * (k as f64 + 0.7)).sin());
+    let many: Vec<_> = (0..37).map(|i| rows.rows(i, 1).into_owned()).collect();
+    for blocks in [
+        vec![rows.clone()],
+        many,
+        vec![rows.rows(0, 6).into_owned(), rows.rows(6, 31).into_owned()],
+    ] {
+        let linear = reduce(blocks, 5);
+        let normal = rows.transpose() * &rows;
+        let found = linear.factor.transpose() * &linear.factor;
+        assert!((found - normal.view((0, 0), (5, 5))).amax() < 1e-12);
+        assert!((linear.cost() - normal[(5, 5)]).abs() < 1e-12);
+        let slopes = linear.factor.transpose() * &linear.right;
+        assert!((slopes - normal.view((0, 5), (5, 1))).amax() < 1e-12);
     }
 }
 

@@ -4,19 +4,9 @@
 
 use super::score::{SUMMED, add_square};
 use crate::campaign::Reading;
-use crate::fit::alike::numbered;
-use crate::fit::pose_key;
+use crate::fit::{self, FOLDS};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
-
-/// Folds.
-pub const FOLDS: usize = 5;
-
-/// Fold of each reading: poses in order of appearance go round.
-pub fn by_pose(readings: &[&Reading]) -> Vec<usize> {
-    let poses = numbered(readings.iter().map(|reading| pose_key(reading)));
-    poses.into_iter().map(|pose| pose % FOLDS).collect()
-}
 
 /// Products of the columns of `[J | r]` with each other over the rows of each fold; `rows` are those of each reading,
 /// `blocks` all rows in the order of the readings, `pick` takes the columns out of one.
@@ -26,7 +16,7 @@ pub fn normals(
     blocks: &[DMatrix<f64>],
     pick: impl Fn(&DMatrix<f64>) -> DMatrix<f64> + Sync,
 ) -> Vec<DMatrix<f64>> {
-    let folds = by_pose(readings).into_iter().zip(rows);
+    let folds = fit::folds(readings).0.into_iter().zip(rows);
     let folds: Vec<usize> = folds
         .flat_map(|(fold, rows)| std::iter::repeat_n(fold, rows))
         .collect();

@@ -5,6 +5,7 @@
 //! most evidence; join those that cannot be told apart; refit with the set; test what is left; and compare with
 //! patterns that no effect has, so that what the catalogue does not hold is not given the name of its nearest.
 
+mod columns;
 mod contrasts;
 mod families;
 mod folds;
@@ -22,15 +23,15 @@ mod search;
 pub use contrasts::Contrast;
 
 use crate::campaign::{Campaign, Reading, Split};
-use crate::effects::{AnyEffect, CATALOGUE, find};
-use crate::fit::alike::{reads_clock, together};
+use crate::effects::{AnyEffect, CATALOGUE};
+use crate::fit::alike::together;
 use crate::fit::noise::{self, Source};
 use crate::fit::{self, CampaignProblem, Fit, FitError, Options};
 use crate::model::Model;
-use contrasts::Field;
+use columns::{columns, columns_of, field, insert};
 use families::{Family, FamilyScore};
 use form::Form;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 pub use next::{NextError, POSES, next_poses};
 pub use patterns::Pattern;
 pub use power::Power;
@@ -781,74 +782,6 @@ fn gain(
     prediction::gain(&normals, base, &priors, against.variance)
 }
 
-/// Rows of `[base | effects | r]`, whitened and scaled, and where each effect has its columns.
-fn columns(
-    fit: &Fit,
-    effects: &[Arc<dyn AnyEffect>],
-    readings: &[&Reading],
-    whiteners: &[noise::Whitener],
-) -> (Vec<Family>, Vec<DMatrix<f64>>) {
-    // those that repeats do not tell apart first: their columns are computed once for all repeats
-    let clock = |effect: &&Arc<dyn AnyEffect>| reads_clock(&***effect);
-    let (last, first): (Vec<_>, Vec<_>) = effects.iter().partition(clock);
-    let (mut families, mut blocks) = columns_of(fit, &first, None, readings, whiteners);
-    let behind = blocks[0].ncols() - 1 - fit.free.len();
-    let (more, own) = columns_of(fit, &last, Some(behind), readings, whiteners);
-    insert(&mut blocks, own);
-    families.extend(more);
-    let place = |own: &Family| effects.iter().position(|e| Arc::ptr_eq(e, &own.effect));
-    families.sort_by_key(place);
-    (families, blocks)
-}
-
-/// The families of some effects, and their rows: `[X | r]`, the columns `behind` so many of others, or `[base | X | r]`.
-fn columns_of(
-    fit: &Fit,
-    effects: &[&Arc<dyn AnyEffect>],
-    behind: Option<usize>,
-    readings: &[&Reading],
-    whiteners: &[noise::Whitener],
-) -> (Vec<Family>, Vec<DMatrix<f64>>) {
-    let mut model = fit.model.clone();
-    let mut free = match behind {
-        Some(_) => Vec::new(),
-        None => fit.free.clone(),
-    };
-    let mut values = fit.values.clone();
-    let mut families: Vec<Family> = Vec::new();
-    let mut place = behind.unwrap_or(0);
-    for effect in effects {
-        let family = Family::new(effect, &model, place);
-        place = family.columns.end;
-        families.push(family);
-        let first = values.len();
-        model = model.with(effect);
-        let count = model.start().len();
-        free.extend(first..count);
-        values.resize(count, 0.0);
-    }
-    let mut problem = CampaignProblem::new(&model, readings, whiteners, &free, &values);
-    // the effects of the catalogue do nothing with parameters of zero
-    let rests =
-        |effect: &&Arc<dyn AnyEffect>| reads_clock(&***effect) && find(effect.kind()).is_some();
-    if effects.iter().all(rests) && !fit.model.terms.iter().any(|t| reads_clock(&*t.effect)) {
-        problem = problem.at_rest();
-    }
-    let at: Vec<f64> = free.iter().map(|&k| values[k]).collect();
-    (families, problem.blocks(&at))
-}
-
-/// Puts the columns of `own` but its last before the last of `blocks`.
-fn insert(blocks: &mut [DMatrix<f64>], own: Vec<DMatrix<f64>>) {
-    blocks.par_iter_mut().zip(own).for_each(|(block, own)| {
-        let (before, more) = (block.ncols() - 1, own.ncols() - 1);
-        let mut both = std::mem::take(block).insert_columns(before, more, 0.0);
-        both.columns_mut(before, more)
-            .copy_from(&own.columns(0, more));
-        *block = both;
-    });
-}
-
 /// Why a campaign cannot see a family, if it cannot.
 fn blind(campaign: &Campaign, effect: &dyn AnyEffect, score: &FamilyScore) -> Option<String> {
     if let Some(need) = effect.needs().iter().find(|need| !need.is_met(campaign)) {
@@ -957,61 +890,5 @@ fn against(fit: &Fit, gram: &Gram) -> Against {
                 dof: Some(dof),
             }
         }
-    }
-}
-
-/// `[Q | M r]`ᵀ by rows of the readings.
-fn field<'a>(
-    readings: &'a [&'a Reading],
-    whiteners: &[noise::Whitener],
-    blocks: &[DMatrix<f64>],
-    gram: &Gram,
-    base: usize,
-) -> Field<'a> {
-    let mut places = Vec::with_capacity(readings.len());
-    let (mut part, mut first) = (0, 0);
-    for whitener in whiteners {
-        if whitener.rows > 0 && first == blocks[part].nrows() {
-            (part, first) = (part + 1, 0);
-        }
-        places.push((part, first, whitener.rows));
-        first += whitener.rows;
-    }
-    let inverse = gram.base_inverse();
-    let eigen = inverse.clone().symmetric_eigen();
-    let mut root = DMatrix::zeros(base, gram.rank);
-    let largest = eigen.eigenvalues.iter().copied().fold(0.0, f64::max);
-    let mut order: Vec<usize> = (0..base).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[b].total_cmp(&eigen.eigenvalues[a]));
-    for (column, &k) in order.iter().take(gram.rank).enumerate() {
-        let value = eigen.eigenvalues[k].max(0.0).min(largest);
-        root.set_column(column, &(eigen.eigenvectors.column(k) * value.sqrt()));
-    }
-    let back = root.transpose();
-    // a reading's rows are columns here, and lie together
-    let turn = |block: &DMatrix<f64>| {
-        let mut part = DMatrix::zeros(gram.rank + 1, block.nrows());
-        let turned = block.columns(0, base).transpose();
-        back.mul_to(&turned, &mut part.rows_mut(0, gram.rank));
-        let residual = block.column(block.ncols() - 1);
-        part.row_mut(gram.rank).tr_copy_from(&residual);
-        let along = part.rows(0, gram.rank) * residual;
-        (part, along)
-    };
-    let found: Vec<(DMatrix<f64>, DVector<f64>)> = blocks.par_iter().map(turn).collect();
-    let (mut parts, along): (Vec<_>, Vec<_>) = found.into_iter().unzip();
-    let along = along
-        .iter()
-        .fold(DVector::zeros(gram.rank), |sum, own| sum + own);
-    parts.par_iter_mut().for_each(|part| {
-        let taken = part.rows(0, gram.rank).tr_mul(&along);
-        let mut left = part.row_mut(gram.rank);
-        left -= taken.transpose();
-    });
-    Field {
-        readings,
-        rank: gram.rank,
-        parts,
-        places,
     }
 }

@@ -6,6 +6,7 @@
 pub(crate) mod alike;
 pub mod noise;
 pub mod paper;
+mod problem;
 mod rank;
 pub mod solve;
 pub mod start;
@@ -13,27 +14,18 @@ pub(crate) mod triangle;
 
 use crate::campaign::{Campaign, Noise, Reading, Split};
 use crate::dual_quaternion::rotation_vector;
-use crate::model::{
-    Model, Row, Rows, Workspace, pose_numbers, right_jacobian_inverse, stacked, wrench_is_measured,
-};
+use crate::model::{Model, Row, Workspace, pose_numbers, stacked, wrench_is_measured};
 use alike::Alike;
-use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
+use nalgebra::{DMatrix, DVector, Vector3};
 use noise::{PureError, Source, Whitener};
 use rayon::prelude::*;
-use solve::{Linear, Problem, Solution};
-use std::ops::Range;
-use std::sync::{Mutex, PoisonError};
+use solve::{Problem, Solution};
 
+pub use problem::CampaignProblem;
 pub use rank::{LOST, Status, Unobservable};
 
-/// Readings a block: large enough to amortise a QR factorisation, fixed so that sums do not depend on threads.
-const BLOCK: usize = 48;
-/// Readings that are not alike from which on a fit begins with some of them.
-const MANY: usize = 2_000;
-/// One in so many of them: a prime, so that a design's loads and directions, which go round, are all there.
-const ONE_IN: usize = 7;
 /// Folds of the cross-validation by pose.
-const FOLDS: usize = 5;
+pub const FOLDS: usize = 5;
 /// Below this many poses no cross-validation: a fold would be a pose or two.
 const FEWEST_POSES: usize = 10;
 /// Rounds in which noise sizes from the residual settle.
@@ -524,7 +516,7 @@ fn estimate(
         let problem = CampaignProblem::new(model, readings, &whiteners, &free, &p);
         let mut begin: Vec<f64> = free.iter().map(|&k| p[k]).collect();
         if source != Source::Residual {
-            begin = ahead(&problem, begin, &centre);
+            begin = problem.ahead(begin, &centre);
         }
         // what rounds find is the next one's prior, until the noise has settled
         let about = match source {
@@ -657,306 +649,6 @@ fn residual(prediction: &crate::model::Prediction, reading: &Reading) -> Row {
     row
 }
 
-/// Where a fit of some of the readings ends, from where that of all has a step or two to go; the beginning if they are
-/// few, or if it does not converge.
-fn ahead(problem: &CampaignProblem, begin: Vec<f64>, centre: &[f64]) -> Vec<f64> {
-    let groups = &problem.alike.groups;
-    if groups.len() < MANY {
-        return begin;
-    }
-    let some: Vec<usize> = groups.iter().step_by(ONE_IN).flatten().copied().collect();
-    let readings: Vec<&Reading> = some.iter().map(|&index| problem.readings[index]).collect();
-    let whiteners: Vec<Whitener> = (some.iter())
-        .map(|&index| problem.whiteners[index].clone())
-        .collect();
-    let CampaignProblem {
-        model, free, held, ..
-    } = *problem;
-    let part = CampaignProblem::new(model, &readings, &whiteners, free, held);
-    let found = solve::solve(&part, &begin, centre, |_, _| {});
-    if found.converged { found.p } else { begin }
-}
-
-/// A model and readings as a least-squares problem over the free parameters.
-pub struct CampaignProblem<'a> {
-    model: &'a Model,
-    readings: &'a [&'a Reading],
-    whiteners: &'a [Whitener],
-    free: &'a [usize],
-    held: &'a [f64],
-    wanted: Vec<bool>,
-    scale: Vec<f64>,
-    bounds: Vec<(f64, f64)>,
-    alike: Alike,
-    /// Do readings that are alike differ in their derivatives?
-    at_rest: bool,
-    /// By groups of a model that gives way: the one found last, from where the next is near; empty before the first.
-    equilibria: Vec<Mutex<Vec<f64>>>,
-    /// By groups: may their readings be added up?
-    sums: Vec<bool>,
-    /// Ranges of groups, of some [`BLOCK`] readings or sums each.
-    parts: Vec<Range<usize>>,
-}
-
-impl<'a> CampaignProblem<'a> {
-    /// The problem of the parameters `free`, all others at their values in `held`.
-    pub fn new(
-        model: &'a Model,
-        readings: &'a [&'a Reading],
-        whiteners: &'a [Whitener],
-        free: &'a [usize],
-        held: &'a [f64],
-    ) -> Self {
-        let parameters: Vec<_> = model.parameters().map(|(_, parameter)| parameter).collect();
-        let mut wanted = vec![false; parameters.len()];
-        for &k in free {
-            wanted[k] = true;
-        }
-        let alike = Alike::of(model, readings);
-        let gives_way = model.is_elastic();
-        let elastic = alike.groups.iter().filter(|_| gives_way);
-        let equilibria = elastic.map(|_| Mutex::default()).collect();
-        let groups = alike.groups.par_iter();
-        let sums = groups.map(|group| may_be_summed(readings, whiteners, group));
-        let sums: Vec<bool> = sums.collect();
-        let mut parts: Vec<Range<usize>> = Vec::new();
-        let mut count = BLOCK;
-        for (index, group) in alike.groups.iter().enumerate() {
-            if count >= BLOCK {
-                parts.push(index..index);
-                count = 0;
-            }
-            count += if sums[index] { 1 } else { group.len() };
-            if let Some(part) = parts.last_mut() {
-                part.end = index + 1;
-            }
-        }
-        Self {
-            equilibria,
-            alike,
-            at_rest: false,
-            sums,
-            parts,
-            model,
-            readings,
-            whiteners,
-            free,
-            held,
-            wanted,
-            scale: free.iter().map(|&k| parameters[k].typical).collect(),
-            bounds: free
-                .iter()
-                .map(|&k| (parameters[k].lower, parameters[k].upper))
-                .collect(),
-        }
-    }
-
-    /// For parameters that are all zero of effects that read the clock: repeats, which differ in nothing else, have one
-    /// prediction, and each its own derivative.
-    pub fn at_rest(mut self) -> Self {
-        self.alike = Alike::by(self.readings, false);
-        self.at_rest = true;
-        self
-    }
-
-    /// All parameters, the free ones from `p`.
-    pub fn full(&self, p: &[f64]) -> Vec<f64> {
-        let mut full = self.held.to_vec();
-        for (&k, &value) in self.free.iter().zip(p) {
-            full[k] = value;
-        }
-        full
-    }
-
-    /// All rows of `[J | r]`, whitened and scaled, in blocks of readings in their order. Readings that are alike cost one
-    /// evaluation where they follow each other.
-    pub fn blocks(&self, p: &[f64]) -> Vec<DMatrix<f64>> {
-        let all: Vec<usize> = (0..self.readings.len()).collect();
-        let group = |index: usize| self.alike.group_of[index];
-        let chunks: Vec<&[usize]> = all.chunks(BLOCK).collect();
-        self.map_blocks(p, chunks.len(), |chunk, place| {
-            let groups = chunks[chunk].chunk_by(|&a, &b| group(a) == group(b));
-            place.block(groups.map(|group| (group, 1)), None).0
-        })
-    }
-
-    /// What `then` makes of the numbers below `count`, with room to compute rows at `p`.
-    fn map_blocks<R: Send>(
-        &self,
-        p: &[f64],
-        count: usize,
-        then: impl Fn(usize, &mut Place<'_>) -> R + Sync,
-    ) -> Vec<R> {
-        let full = self.full(p);
-        let place = || Place {
-            problem: self,
-            full: &full,
-            workspace: Workspace::new(&self.model.setup),
-            jacobian: Rows::zeros(full.len()),
-        };
-        let all = (0..count).into_par_iter();
-        all.map_init(place, |place, index| then(index, place))
-            .collect()
-    }
-
-    /// Rows of these groups, repeats that may be added up as one.
-    fn summed(&self, groups: Range<usize>, place: &mut Place<'_>) -> (DMatrix<f64>, f64) {
-        let summed = groups.map(|index| {
-            let group = &self.alike.groups[index][..];
-            let together = if self.sums[index] { group.len() } else { 1 };
-            (group, together)
-        });
-        // each group has its one place here, whatever the threads: so it may begin where it ended last
-        let known = (!self.equilibria.is_empty()).then_some(&self.equilibria[..]);
-        place.block(summed, known)
-    }
-}
-
-/// Where rows are computed, by one thread.
-struct Place<'a> {
-    problem: &'a CampaignProblem<'a>,
-    full: &'a [f64],
-    workspace: Workspace,
-    jacobian: Rows,
-}
-
-impl Place<'_> {
-    /// One block of `[J | r]`, whitened and scaled, of groups of readings that are alike; so many of a group at a time
-    /// become one: their sum over the root of their number. Also what the sums lack of the sum of squares of `r`. `known`
-    /// are equilibria from which to seek the next, by groups of the problem.
-    fn block<'g>(
-        &mut self,
-        groups: impl Iterator<Item = (&'g [usize], usize)> + Clone,
-        known: Option<&[Mutex<Vec<f64>>]>,
-    ) -> (DMatrix<f64>, f64) {
-        let CampaignProblem {
-            model,
-            readings,
-            whiteners,
-            free,
-            scale,
-            wanted,
-            alike,
-            at_rest,
-            ..
-        } = self.problem;
-        let n = free.len();
-        let bundles = groups.clone().flat_map(|(group, size)| group.chunks(size));
-        let count = bundles.map(|bundle| whiteners[bundle[0]].rows).sum();
-        let mut block = DMatrix::zeros(count, n + 1);
-        let mut lacking = 0.0;
-        let mut row = 0;
-        for (group, size) in groups {
-            let first = readings[group[0]];
-            let jacobian = &mut self.jacobian;
-            let workspace = &mut self.workspace;
-            let prediction = match known {
-                Some(known) => {
-                    let mut near = known[alike.group_of[group[0]]]
-                        .lock()
-                        .unwrap_or_else(PoisonError::into_inner);
-                    let full = self.full;
-                    let found =
-                        workspace.sensitivity_near(model, full, wanted, first, jacobian, &near);
-                    if found.settled {
-                        near.clear();
-                        near.extend_from_slice(workspace.deviations());
-                    }
-                    found
-                }
-                None => workspace.sensitivity(model, self.full, wanted, first, jacobian),
-            };
-            for (place, bundle) in group.chunks(size).enumerate() {
-                if *at_rest && place > 0 {
-                    let own = readings[bundle[0]];
-                    workspace.sensitivity_again(model, self.full, wanted, own, jacobian);
-                }
-                let mut through = Matrix6::zeros();
-                let mut sum = Row::zeros();
-                let mut squares = 0.0;
-                for &index in bundle {
-                    let residual = residual(&prediction, readings[index]);
-                    // residual = measured - predicted, so its derivative is minus the prediction's; the rotation
-                    // vector of the error answers through the inverse right Jacobian
-                    let turn = right_jacobian_inverse(&residual.fixed_rows::<3>(3).into_owned());
-                    through += whiteners[index].through(&turn);
-                    whiteners[index].apply(&residual, &mut |i, value| {
-                        sum[i] += value;
-                        squares += value * value;
-                    });
-                }
-                let whitener = &whiteners[bundle[0]];
-                let many = bundle.len() as f64;
-                through /= many;
-                sum /= many.sqrt();
-                for (column, &k) in free.iter().enumerate() {
-                    let rate = jacobian.column(k).into_owned();
-                    let scale = -scale[column] * many.sqrt();
-                    whitener.apply_through(&through, &rate, &mut |i, value| {
-                        block[(row + i, column)] = value * scale
-                    });
-                }
-                for i in 0..whitener.rows {
-                    block[(row + i, n)] = sum[i];
-                }
-                if bundle.len() > 1 {
-                    lacking += squares - sum.norm_squared();
-                }
-                row += whitener.rows;
-            }
-        }
-        (block, lacking)
-    }
-}
-
-/// May these repeats be added up? Where their whitening is the same, the rows of their sum say all that the rows of each
-/// do; where it is nearly so, what that changes of a parameter's gradient is to be small beside one row's noise.
-fn may_be_summed(readings: &[&Reading], whiteners: &[Whitener], group: &[usize]) -> bool {
-    /// Share of a row's noise.
-    const SMALL: f64 = 1e-3;
-    let (first, rest) = (group[0], &group[1..]);
-    let seen = readings[first];
-    rest.iter().all(|&index| {
-        let other = readings[index];
-        let turn = match (seen.orientation, other.orientation) {
-            (Some(a), Some(b)) => rotation_vector(&(b * a.inverse()).into_inner()),
-            (None, None) => Vector3::zeros(),
-            _ => return false,
-        };
-        let mut apart = Row::zeros();
-        apart
-            .fixed_rows_mut::<6>(0)
-            .copy_from(&stacked(&(other.position - seen.position), &turn));
-        let unlike = whiteners[first].unlike(&whiteners[index]) + turn.norm();
-        unlike * whiteners[first].squares(&apart).sqrt() < SMALL
-    })
-}
-
-impl Problem for CampaignProblem<'_> {
-    fn linearise(&self, p: &[f64]) -> Linear {
-        let found = self.map_blocks(p, self.parts.len(), |part, place| {
-            let (block, lacking) = self.summed(self.parts[part].clone(), place);
-            (triangle::triangle(block), lacking)
-        });
-        let (blocks, lacking): (Vec<_>, Vec<f64>) = found.into_iter().unzip();
-        let mut linear = solve::reduce(blocks, self.free.len());
-        linear.rest += lacking.iter().sum::<f64>();
-        linear
-    }
-
-    fn scale(&self) -> &[f64] {
-        &self.scale
-    }
-
-    fn bounds(&self) -> &[(f64, f64)] {
-        &self.bounds
-    }
-
-    fn prior(&self) -> f64 {
-        solve::WEAK
-    }
-}
-
 fn squares(residuals: &[Row], whiteners: &[Whitener]) -> f64 {
     let pairs = residuals.iter().zip(whiteners);
     pairs.map(|(row, whitener)| whitener.squares(row)).sum()
@@ -1004,6 +696,13 @@ pub fn pose_key(reading: &Reading) -> (String, Vec<u64>) {
     }
 }
 
+/// Fold of each reading, poses in order of appearance going round, and the number of poses.
+pub fn folds(readings: &[&Reading]) -> (Vec<usize>, usize) {
+    let poses = alike::numbered(readings.iter().map(|reading| pose_key(reading)));
+    let count = poses.iter().max().map_or(0, |last| last + 1);
+    (poses.into_iter().map(|pose| pose % FOLDS).collect(), count)
+}
+
 /// Errors of poses left out a fifth at a time, none with too few poses; and how many of those fits did not
 /// converge.
 fn cross_validated(
@@ -1012,16 +711,10 @@ fn cross_validated(
     readings: &[&Reading],
     whiteners: &[Whitener],
 ) -> Option<(Errors, usize)> {
-    // poses in order of appearance go round the folds
-    let poses = alike::numbered(readings.iter().map(|reading| pose_key(reading)));
-    if poses
-        .iter()
-        .max()
-        .is_none_or(|&last| last + 1 < FEWEST_POSES)
-    {
+    let (folds, poses) = folds(readings);
+    if poses < FEWEST_POSES {
         return None;
     }
-    let folds: Vec<usize> = poses.into_iter().map(|pose| pose % FOLDS).collect();
     let model = &fit.model;
     let of_fold = |fold: usize| {
         let inside = |keep: bool| -> Vec<usize> {

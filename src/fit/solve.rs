@@ -200,7 +200,7 @@ fn with_prior(problem: &dyn Problem, linear: &Linear, p: &[f64], centre: &[f64])
         stacked[(rows + k, k)] = strength;
         stacked[(rows + k, n)] = strength * (p[k] - centre[k]) / problem.scale()[k];
     }
-    let mut whole = reduce(vec![triangle(stacked)], n);
+    let mut whole = reduce(vec![stacked], n);
     whole.rest += linear.rest;
     whole
 }
@@ -366,15 +366,16 @@ impl Spectrum {
 pub fn reduce(mut blocks: Vec<DMatrix<f64>>, columns: usize) -> Linear {
     /// Blocks stacked on each other at once; fixed, so that the result does not depend on threads.
     const STACKED: usize = 8;
-    while blocks.len() > 1 {
+    let triangle = loop {
         let groups = blocks.par_chunks(STACKED);
         blocks = groups
             .map(|group| triangle(stack(group, columns + 1)))
             .collect();
-    }
-    let triangle = blocks
-        .pop()
-        .unwrap_or_else(|| DMatrix::zeros(0, columns + 1));
+        if blocks.len() <= 1 {
+            break blocks.pop();
+        }
+    };
+    let triangle = triangle.unwrap_or_else(|| DMatrix::zeros(0, columns + 1));
     let rows = triangle.nrows().min(columns);
     let rest = (rows..triangle.nrows())
         .map(|row| triangle[(row, columns)].powi(2))

@@ -20,7 +20,7 @@ use super::score::Against;
 use crate::campaign::Reading;
 use crate::effects::find;
 use crate::fit::noise::Source;
-use crate::fit::{Fit, solve};
+use crate::fit::{FOLDS, Fit, solve};
 use crate::model::Model;
 use grid::Grid;
 use nalgebra::DMatrix;
@@ -127,10 +127,10 @@ pub fn scan(
     let own_noise = fit.noise.source == Source::Residual;
     let grids: Vec<Option<Grid>> = (0..sums.joints.len())
         .into_par_iter()
-        .map(|joint| Grid::new(&sums, joint, folds::FOLDS))
+        .map(|joint| Grid::new(&sums, joint, FOLDS))
         .collect();
     let begin = |folds: &[usize]| Search::new(&sums, &grids, folds, *against, own_noise);
-    let all: Vec<usize> = (0..folds::FOLDS).collect();
+    let all: Vec<usize> = (0..FOLDS).collect();
     // up to `wanted` waves, and how many of them predict poses left out
     let grown = |wanted: usize| {
         let mut search = begin(&all);
@@ -139,7 +139,7 @@ pub fn scan(
         if most == 0 {
             return (search, 0);
         }
-        let errors: Vec<Vec<f64>> = (0..folds::FOLDS)
+        let errors: Vec<Vec<f64>> = (0..FOLDS)
             .into_par_iter()
             .map(|fold| {
                 let kept: Vec<usize> = all.iter().copied().filter(|&f| f != fold).collect();

@@ -7,8 +7,8 @@
 use crate::campaign::Reading;
 use crate::diagnosis::folds;
 use crate::diagnosis::motion::Motion;
-use crate::fit::Fit;
 use crate::fit::alike::{angles, members, numbered};
+use crate::fit::{self, FOLDS, Fit};
 use crate::robot::JointKind;
 use nalgebra::{DMatrix, DMatrixView, DVector};
 use rayon::prelude::*;
@@ -60,7 +60,7 @@ impl Sums {
         blocks: &[DMatrix<f64>],
         base: usize,
     ) -> Self {
-        let fold_of = folds::by_pose(readings);
+        let fold_of = fit::folds(readings).0;
         let own = readings.iter().zip(&fold_of);
         let postures = numbered(own.map(|(reading, fold)| (fold, angles(reading))));
         let members = members(&postures);
@@ -99,7 +99,7 @@ impl Sums {
                 blocks,
                 pick,
             ),
-            rows: vec![0; folds::FOLDS],
+            rows: vec![0; FOLDS],
             folds: fold,
         };
         // where the rows of each reading are
