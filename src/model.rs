@@ -318,7 +318,8 @@ impl Workspace {
         }
     }
 
-    /// The equilibrium of the reading last predicted: a place from where to seek one near to it.
+    /// The equilibrium of the reading last predicted, deviations by [`Slots`] in rad, m, kg, N·m: a place from where to seek
+    /// one near to it.
     pub fn deviations(&self) -> &[f64] {
         &self.deviations
     }

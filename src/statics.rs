@@ -402,7 +402,7 @@ impl Statics {
     }
 
     /// How `row · local_wrench[node]` changes with the screw by which a deviation moves what it carries, a product with
-    /// each of the screw's vectors: the geometric stiffness of the loads.
+    /// each of the screw's vectors (m, rad): the geometric stiffness of the loads, in the row's unit per m and per rad.
     ///
     /// `row` in the base frame, from [`Statics::world_row`]. Triple products turned over: `a · (w × b) = w · (b × a)`.
     pub fn wrench_rates(

@@ -696,7 +696,7 @@ pub fn pose_key(reading: &Reading) -> (String, Vec<u64>) {
     }
 }
 
-/// Fold of each reading, poses in order of appearance going round, and the number of poses.
+/// Fold of each reading, 0 to [`FOLDS`] - 1, poses in order of appearance going round; and the number of poses.
 pub fn folds(readings: &[&Reading]) -> (Vec<usize>, usize) {
     let poses = alike::numbered(readings.iter().map(|reading| pose_key(reading)));
     let count = poses.iter().max().map_or(0, |last| last + 1);

@@ -52,7 +52,8 @@ impl Whitener {
         self.apply_through(&self.inverse, row, out);
     }
 
-    /// The whitening of a pose whose rotation vector answers to what it is given through `turn`.
+    /// The whitening (1/m, 1/rad; 6 × 6) of a change of the pose, the rotation vector of the error answering to the turn of
+    /// the target through `turn`.
     pub fn through(&self, turn: &Matrix3<f64>) -> Matrix6<f64> {
         let mut through = self.inverse;
         let turned = self.inverse.fixed_columns::<3>(3) * turn;
