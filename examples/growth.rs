@@ -1,4 +1,5 @@
-//! How time grows with readings, parameters, joints and families: Markdown tables of processor time, on one thread.
+//! How time and memory grow: Markdown tables of processor time, on one thread, by readings, parameters, joints and
+//! families, and of the largest memory that this process held.
 //!
 //! `cargo run --release --example growth > docs/speed.md`. Each figure is the least of some runs: what else the machine
 //! does only adds to it.
@@ -295,11 +296,52 @@ fn text(seconds: f64) -> String {
     format!("{value:.digits$} {unit}")
 }
 
+/// The most memory that this process held while it did some work, bytes. Linux only.
+fn peak(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<f64> {
+    let status = Path::new("/proc/self/status");
+    // forgets the peak so far
+    std::fs::write("/proc/self/clear_refs", "5").context("Linux, with /proc/self/clear_refs")?;
+    work()?;
+    let text = std::fs::read_to_string(status)?;
+    let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let words = line.and_then(|line| line.split_whitespace().next());
+    let kilobytes: f64 = words.context("no VmHWM in /proc/self/status")?.parse()?;
+    Ok(1024.0 * kilobytes)
+}
+
+/// Memory by the number of readings: on all threads, the campaign itself in it.
+fn memory() -> anyhow::Result<()> {
+    println!(
+        "\n## Memory\n\nThe most that a process holds, the campaign itself in it: the arm of `scenarios/large.toml`, default \
+         model, and the same diagnosed, without cross-validation.\n"
+    );
+    println!("| readings | fit | diagnose | a reading more |\n|---|---|---|---|");
+    let scenario = Scenario::load(&file("scenarios/large.toml"))?;
+    let mut before: Option<(usize, [f64; 2])> = None;
+    for readings in [6_000, 12_000, 50_000, 100_000] {
+        let campaign = campaign(&scenario, readings)?;
+        let model = model_file::model(&campaign, None, None)?;
+        let fitting = peak(|| Ok(drop(fit(&campaign, &model, &OPTIONS, |_| {})?)))?;
+        let diagnosing = peak(|| Ok(drop(diagnose(&campaign, &model, &[], &OPTIONS, |_| {})?)))?;
+        let now = [fitting, diagnosing];
+        let each = before.map(|(fewer, then)| {
+            let more = (readings - fewer) as f64;
+            let each = |k: usize| format!("{:.0}", 1e-3 * (now[k] - then[k]) / more);
+            format!("{}, {} kB", each(0), each(1))
+        });
+        let each = each.unwrap_or_else(|| "—".to_owned());
+        let [fitting, diagnosing] = now.map(|bytes| format!("{:.0} MB", 1e-6 * bytes));
+        println!("| {readings} | {fitting} | {diagnosing} | {each} |");
+        before = Some((readings, now));
+    }
+    Ok(())
+}
+
 fn main() -> anyhow::Result<()> {
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     one.install(|| {
         println!(
-            "# How time grows\n\nWritten by `make growth`: processor time on one thread of {} shared cores, the least \
+            "# How time and memory grow\n\nWritten by `make growth`: processor time on one thread of {} shared cores, the least \
              of the runs that {PATIENCE} s allow. A fit takes more steps where its problem is less linear.\n",
             std::thread::available_parallelism()?
         );
@@ -307,5 +349,6 @@ fn main() -> anyhow::Result<()> {
         by_parameters()?;
         by_joints()?;
         by_families()
-    })
+    })?;
+    memory()
 }

@@ -4,30 +4,29 @@
 //! comes from fitting again without a fifth of the poses at a time.
 
 pub(crate) mod alike;
+mod cross_validation;
 pub mod noise;
 pub mod paper;
 mod problem;
 mod rank;
+mod residuals;
 pub mod solve;
 pub mod start;
 pub(crate) mod triangle;
 
 use crate::campaign::{Campaign, Noise, Reading, Split};
-use crate::dual_quaternion::rotation_vector;
-use crate::model::{Model, Row, Workspace, pose_numbers, stacked, wrench_is_measured};
+use crate::model::{Model, Workspace, pose_numbers};
 use alike::Alike;
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector};
 use noise::{PureError, Source, Whitener};
 use rayon::prelude::*;
 use solve::{Problem, Solution};
 
+pub use cross_validation::{FOLDS, folds, pose_key};
 pub use problem::CampaignProblem;
 pub use rank::{LOST, Status, Unobservable};
+pub use residuals::{Errors, errors, residuals};
 
-/// Folds of the cross-validation by pose.
-pub const FOLDS: usize = 5;
-/// Below this many poses no cross-validation: a fold would be a pose or two.
-const FEWEST_POSES: usize = 10;
 /// Rounds in which noise sizes from the residual settle.
 const NOISE_ROUNDS: usize = 6;
 
@@ -72,21 +71,6 @@ pub enum FitError {
         /// What it lacks, or what is accepted.
         why: String,
     },
-}
-
-/// Errors of predicted readings.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Errors {
-    /// Root mean square distance, m.
-    pub position_rms_m: f64,
-    /// Mean distance, m.
-    pub position_mean_m: f64,
-    /// Largest distance, m.
-    pub position_max_m: f64,
-    /// Root mean square angle, rad; none without orientations.
-    pub orientation_rms_rad: Option<f64>,
-    /// Root mean square of the whitened rows: 1 is noise alone.
-    pub whitened_rms: f64,
 }
 
 /// Where the held-out error comes from.
@@ -241,7 +225,9 @@ impl Fit {
             }
         };
         let whiteners = noise::whiteners(&self.model, at, &readings, &self.noise.shape);
-        let Some((errors, stopped)) = cross_validated(campaign, self, &readings, &whiteners) else {
+        let Some((errors, stopped)) =
+            cross_validation::cross_validated(campaign, self, &readings, &whiteners)
+        else {
             return;
         };
         self.heldout = Some(errors);
@@ -617,141 +603,6 @@ fn from_residual(model: &Model, p: &[f64], readings: &[&Reading], rank: usize) -
         size(position, 3 * readings.len()),
         size(orientation, turned.max(1)),
     )
-}
-
-/// Residuals, measured minus predicted: position (m), rotation vector (rad), in the tracker's frame.
-pub fn residuals(model: &Model, p: &[f64], readings: &[&Reading]) -> Vec<Row> {
-    let predictions = Alike::of(model, readings).map(model, readings, |workspace, reading| {
-        workspace.predict(model, p, reading)
-    });
-    let pairs = predictions.iter().zip(readings);
-    pairs
-        .map(|(prediction, reading)| residual(prediction, reading))
-        .collect()
-}
-
-fn residual(prediction: &crate::model::Prediction, reading: &Reading) -> Row {
-    if !prediction.settled {
-        return Row::from_element(f64::NAN);
-    }
-    let position = reading.position - prediction.position;
-    let turn = match reading.orientation {
-        Some(seen) => rotation_vector(&(seen * prediction.orientation.inverse()).into_inner()),
-        None => Vector3::zeros(),
-    };
-    let mut row = Row::zeros();
-    row.fixed_rows_mut::<6>(0)
-        .copy_from(&stacked(&position, &turn));
-    if let (true, Some(wrench)) = (wrench_is_measured(reading), reading.wrench) {
-        let left = stacked(&wrench.force, &wrench.torque) - prediction.wrench;
-        row.fixed_rows_mut::<6>(6).copy_from(&left);
-    }
-    row
-}
-
-fn squares(residuals: &[Row], whiteners: &[Whitener]) -> f64 {
-    let pairs = residuals.iter().zip(whiteners);
-    pairs.map(|(row, whitener)| whitener.squares(row)).sum()
-}
-
-/// Errors of readings at given parameters.
-pub fn errors(model: &Model, p: &[f64], readings: &[&Reading], whiteners: &[Whitener]) -> Errors {
-    let residuals = residuals(model, p, readings);
-    summarise(&residuals, readings, whiteners)
-}
-
-fn summarise(residuals: &[Row], readings: &[&Reading], whiteners: &[Whitener]) -> Errors {
-    let distances: Vec<f64> = residuals
-        .iter()
-        .map(|r| r.fixed_rows::<3>(0).norm())
-        .collect();
-    let turns: Vec<f64> = residuals
-        .iter()
-        .zip(readings)
-        .filter(|(_, reading)| reading.orientation.is_some())
-        .map(|(r, _)| r.fixed_rows::<3>(3).norm())
-        .collect();
-    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-    let rms = |values: &[f64]| {
-        let squares: Vec<f64> = values.iter().map(|x| x * x).collect();
-        mean(&squares).sqrt()
-    };
-    Errors {
-        position_rms_m: rms(&distances),
-        position_mean_m: mean(&distances),
-        position_max_m: distances.iter().copied().fold(0.0, f64::max),
-        orientation_rms_rad: (!turns.is_empty()).then(|| rms(&turns)),
-        whitened_rms: (squares(residuals, whiteners) / rows(whiteners) as f64).sqrt(),
-    }
-}
-
-/// Label of a reading's pose for grouping: its own, or its encoder angles.
-pub fn pose_key(reading: &Reading) -> (String, Vec<u64>) {
-    match &reading.pose {
-        Some(label) => (label.clone(), Vec::new()),
-        None => (
-            String::new(),
-            reading.joints.iter().map(|x| x.to_bits()).collect(),
-        ),
-    }
-}
-
-/// Fold of each reading, 0 to [`FOLDS`] - 1, poses in order of appearance going round; and the number of poses.
-pub fn folds(readings: &[&Reading]) -> (Vec<usize>, usize) {
-    let poses = alike::numbered(readings.iter().map(|reading| pose_key(reading)));
-    let count = poses.iter().max().map_or(0, |last| last + 1);
-    (poses.into_iter().map(|pose| pose % FOLDS).collect(), count)
-}
-
-/// Errors of poses left out a fifth at a time, none with too few poses; and how many of those fits did not
-/// converge.
-fn cross_validated(
-    campaign: &Campaign,
-    fit: &Fit,
-    readings: &[&Reading],
-    whiteners: &[Whitener],
-) -> Option<(Errors, usize)> {
-    let (folds, poses) = folds(readings);
-    if poses < FEWEST_POSES {
-        return None;
-    }
-    let model = &fit.model;
-    let of_fold = |fold: usize| {
-        let inside = |keep: bool| -> Vec<usize> {
-            (0..readings.len())
-                .filter(|&i| (folds[i] != fold) == keep)
-                .collect()
-        };
-        let (kept, out) = (inside(true), inside(false));
-        let part: Vec<&Reading> = kept.iter().map(|&i| readings[i]).collect();
-        let whiteners: Vec<Whitener> = kept.iter().map(|&i| whiteners[i].clone()).collect();
-        // the prior is about frames that know nothing of the fold left out, and decides where the fit ends; the
-        // first step may begin near it
-        let start = start_values(campaign, model, &part);
-        let problem = CampaignProblem::new(model, &part, &whiteners, &fit.free, &start);
-        let of_free = |p: &[f64]| -> Vec<f64> { fit.free.iter().map(|&k| p[k]).collect() };
-        let centre = of_free(&start);
-        let begin = if fit.converged {
-            of_free(&fit.values)
-        } else {
-            centre.clone()
-        };
-        let found = solve::solve(&problem, &begin, &centre, |_, _| {});
-        let p = problem.full(&found.p);
-        let tested: Vec<&Reading> = out.iter().map(|&i| readings[i]).collect();
-        let rows: Vec<(usize, Row)> = out.into_iter().zip(residuals(model, &p, &tested)).collect();
-        (found.converged, rows)
-    };
-    let mut stopped = 0;
-    let mut left = vec![Row::zeros(); readings.len()];
-    let folds: Vec<_> = (0..FOLDS).into_par_iter().map(of_fold).collect();
-    for (converged, rows) in folds {
-        stopped += usize::from(!converged);
-        for (i, row) in rows {
-            left[i] = row;
-        }
-    }
-    Some((summarise(&left, readings, whiteners), stopped))
 }
 
 /// From an estimate to what it is worth.

@@ -4,7 +4,7 @@
 
 use super::alike::Alike;
 use super::noise::Whitener;
-use super::residual;
+use super::residuals::residual;
 use super::solve::{self, Linear, Problem};
 use super::triangle::triangle;
 use crate::campaign::Reading;

@@ -40,16 +40,16 @@ pub fn frames(campaign: &Campaign, setup: &Setup, readings: &[&Reading]) -> Star
             reading,
         })
         .collect();
+    let sums = Sums::new(campaign, &pairs);
     let turn = tracker_rotation(campaign, &pairs);
-    let (rotation, places) = match turn {
-        Some(rotation) => (rotation, translations(campaign, &pairs, &rotation)),
-        None => from_positions(campaign, &pairs),
-    };
+    let rotation = turn.unwrap_or_else(|| from_positions(&sums));
+    let places = sums.places(&rotation);
+    let place = |first: usize| Translation3::from(places.fixed_rows::<3>(first).into_owned());
     let targets = (0..campaign.targets.len())
         .map(|target| match campaign.link_from_target[target] {
             Frame::Known(pose) => pose,
             Frame::Estimate => Isometry3::from_parts(
-                Translation3::from(places.targets[target]),
+                place(TARGETS + 3 * target),
                 UnitQuaternion::from_rotation_matrix(&target_rotation(&pairs, &rotation, target)),
             ),
         })
@@ -57,7 +57,7 @@ pub fn frames(campaign: &Campaign, setup: &Setup, readings: &[&Reading]) -> Star
     let base_from_tracker = match campaign.base_from_tracker {
         Frame::Known(pose) => pose,
         Frame::Estimate => Isometry3::from_parts(
-            Translation3::from(places.tracker),
+            place(TRACKER),
             UnitQuaternion::from_rotation_matrix(&rotation),
         ),
     };
@@ -160,146 +160,142 @@ fn target_rotation(pairs: &[Pair], tracker: &Rotation3<f64>, target: usize) -> R
     }
 }
 
-/// Positions of tracker and targets, and what they leave (m, rms).
-struct Places {
-    tracker: Vector3<f64>,
-    targets: Vec<Vector3<f64>>,
-    rms: f64,
+/// Where the tracker's place, the first target's and the one stand among the numbers of [`Sums`].
+const TRACKER: usize = 9;
+const TARGETS: usize = 12;
+
+/// Sums over the readings of the squares of `A y + a − t − X p`: a form in the nine numbers of the tracker's rotation `X`
+/// (by columns), its place `t`, the places `y` of the targets in their links, and 1. What is known of `t` and `y` stands in
+/// `known`. However often the turns below go round, readings are looked at once.
+struct Sums {
+    form: DMatrix<f64>,
+    /// The numbers of the form; zero where they are not known.
+    known: DVector<f64>,
+    /// Which of `t` and `y` are not.
+    unknown: Vec<usize>,
+    /// Pseudo-inverse of their part of the form.
+    inverse: DMatrix<f64>,
+    readings: usize,
 }
 
-/// Linear least squares for `A y - t = X p - a`, `y` in the links and `t` in the base.
-fn translations(campaign: &Campaign, pairs: &[Pair], tracker: &Rotation3<f64>) -> Places {
-    let count = 3 + 3 * campaign.targets.len();
-    let mut normal = DMatrix::<f64>::zeros(count, count);
-    let mut right = DVector::<f64>::zeros(count);
-    let known_tracker = match campaign.base_from_tracker {
-        Frame::Known(pose) => Some(pose.translation.vector),
-        Frame::Estimate => None,
-    };
-    let row_of = |pair: &Pair| {
-        let turn = pair.link.rotation.to_rotation_matrix().into_inner();
-        let mut value = tracker * pair.reading.position - pair.link.translation.vector;
-        let mut row = DMatrix::<f64>::zeros(3, count);
-        match known_tracker {
-            Some(t) => value += t,
-            None => row
-                .view_mut((0, 0), (3, 3))
-                .copy_from(&(-Matrix3::identity())),
-        }
-        let first = 3 + 3 * pair.reading.target;
-        match campaign.link_from_target[pair.reading.target] {
-            Frame::Known(pose) => value -= turn * pose.translation.vector,
-            Frame::Estimate => row.view_mut((0, first), (3, 3)).copy_from(&turn),
-        }
-        (row, value)
-    };
-    for pair in pairs {
-        let (row, value) = row_of(pair);
-        normal += row.transpose() * &row;
-        right += row.transpose() * value;
-    }
-    let solution = least_norm(normal, &right);
-    let squares: f64 = pairs
-        .iter()
-        .map(|pair| {
-            let (row, value) = row_of(pair);
-            (row * &solution - value).norm_squared()
-        })
-        .sum();
-    let part =
-        |first: usize| Vector3::new(solution[first], solution[first + 1], solution[first + 2]);
-    Places {
-        tracker: known_tracker.unwrap_or(part(0)),
-        targets: (0..campaign.targets.len())
-            .map(|t| match campaign.link_from_target[t] {
-                Frame::Known(pose) => pose.translation.vector,
-                Frame::Estimate => part(3 + 3 * t),
-            })
-            .collect(),
-        rms: (squares / pairs.len().max(1) as f64).sqrt(),
-    }
-}
-
-/// Positions alone: rotation and translations in turns, from many starts.
-fn from_positions(campaign: &Campaign, pairs: &[Pair]) -> (Rotation3<f64>, Places) {
-    let mut starts: Vec<Rotation3<f64>> = linear_rotation(campaign, pairs).into_iter().collect();
-    starts.extend(cube_rotations());
-    let mut best: Option<(Rotation3<f64>, Places)> = None;
-    for start in starts {
-        let mut rotation = start;
-        let mut places = translations(campaign, pairs, &rotation);
-        for _ in 0..40 {
-            let mut sum = Matrix3::zeros();
-            for pair in pairs {
-                let at = pair.link * nalgebra::Point3::from(places.targets[pair.reading.target]);
-                sum += (at.coords - places.tracker) * pair.reading.position.transpose();
+impl Sums {
+    fn new(campaign: &Campaign, pairs: &[Pair]) -> Self {
+        let count = TARGETS + 3 * campaign.targets.len() + 1;
+        let mut form = DMatrix::<f64>::zeros(count, count);
+        for pair in pairs {
+            let mut rows = DMatrix::<f64>::zeros(3, count);
+            for axis in 0..3 {
+                for k in 0..3 {
+                    rows[(axis, 3 * k + axis)] = -pair.reading.position[k];
+                }
+                rows[(axis, TRACKER + axis)] = -1.0;
+                rows[(axis, count - 1)] = pair.link.translation.vector[axis];
             }
-            rotation = nearest_rotation(&sum);
-            let next = translations(campaign, pairs, &rotation);
-            let done = places.rms - next.rms < 1e-6 * places.rms;
-            places = next;
+            let turn = pair.link.rotation.to_rotation_matrix();
+            rows.fixed_view_mut::<3, 3>(0, TARGETS + 3 * pair.reading.target)
+                .copy_from(turn.matrix());
+            form.gemm_tr(1.0, &rows, &rows, 1.0);
+        }
+        let mut known = DVector::zeros(count);
+        known[count - 1] = 1.0;
+        let mut unknown = Vec::new();
+        let frames = std::iter::once((TRACKER, &campaign.base_from_tracker));
+        let targets = (TARGETS..).step_by(3).zip(&campaign.link_from_target);
+        for (first, frame) in frames.chain(targets) {
+            match frame {
+                Frame::Known(pose) => known
+                    .fixed_rows_mut::<3>(first)
+                    .copy_from(&pose.translation.vector),
+                Frame::Estimate => unknown.extend(first..first + 3),
+            }
+        }
+        let inverse = pseudo_inverse(form.select_rows(&unknown).select_columns(&unknown));
+        Self {
+            form,
+            known,
+            unknown,
+            inverse,
+            readings: pairs.len(),
+        }
+    }
+
+    /// The places that leave least with the tracker turned so.
+    fn places(&self, rotation: &Rotation3<f64>) -> DVector<f64> {
+        let mut all = self.known.clone();
+        all.rows_mut(0, 9)
+            .copy_from_slice(rotation.matrix().as_slice());
+        let slope = (&self.form * &all).select_rows(&self.unknown);
+        for (k, place) in self.unknown.iter().zip((&self.inverse * slope).iter()) {
+            all[*k] = -place;
+        }
+        all
+    }
+
+    /// What they leave, m rms.
+    fn rms(&self, all: &DVector<f64>) -> f64 {
+        // of exact readings rounding leaves less than nothing
+        let squares = all.dot(&(&self.form * all)).max(0.0);
+        (squares / self.readings.max(1) as f64).sqrt()
+    }
+
+    /// The rotation that leaves least with tracker and targets there (Kabsch 1976).
+    fn rotation(&self, all: &DVector<f64>) -> Rotation3<f64> {
+        let rest = all.rows_range(TRACKER..);
+        let product = self.form.view((0, TRACKER), (9, rest.len())) * rest;
+        nearest_rotation(&Matrix3::from_iterator(product.iter().map(|x| -x)))
+    }
+
+    /// The rotation nearest to the nine numbers that leave least where all are free.
+    fn linear_rotation(&self) -> Option<Rotation3<f64>> {
+        let free: Vec<usize> = (0..9).chain(self.unknown.iter().copied()).collect();
+        let inverse = pseudo_inverse(self.form.select_rows(&free).select_columns(&free));
+        let solution = -inverse * (&self.form * &self.known).select_rows(&free);
+        let matrix = Matrix3::from_iterator(solution.iter().take(9).copied());
+        (matrix.norm() > 1e-9).then(|| nearest_rotation(&matrix))
+    }
+}
+
+/// Positions alone: rotation and places in turns, from many starts.
+fn from_positions(sums: &Sums) -> Rotation3<f64> {
+    /// Rounds from one start; each takes about a microsecond.
+    const ROUNDS: usize = 40;
+    let starts = sums.linear_rotation().into_iter().chain(cube_rotations());
+    let reached = starts.map(|start| {
+        let mut rotation = start;
+        let mut places = sums.places(&rotation);
+        let mut rms = sums.rms(&places);
+        for _ in 0..ROUNDS {
+            rotation = sums.rotation(&places);
+            places = sums.places(&rotation);
+            let next = sums.rms(&places);
+            let done = rms - next < 1e-6 * rms;
+            rms = next;
             if done {
                 break;
             }
         }
-        if best.as_ref().is_none_or(|(_, kept)| places.rms < kept.rms) {
-            best = Some((rotation, places));
-        }
-    }
-    best.unwrap_or_else(|| {
-        let rotation = Rotation3::identity();
-        (rotation, translations(campaign, pairs, &rotation))
-    })
+        (rms, rotation)
+    });
+    let best = reached.min_by(|a, b| a.0.total_cmp(&b.0));
+    best.map_or_else(Rotation3::identity, |(_, rotation)| rotation)
 }
 
-/// Solves `A y - P vec(X) - t = -a` with the rotation's nine numbers free, then takes the nearest rotation.
-fn linear_rotation(campaign: &Campaign, pairs: &[Pair]) -> Option<Rotation3<f64>> {
-    let count = 12 + 3 * campaign.targets.len();
-    let mut normal = DMatrix::<f64>::zeros(count, count);
-    let mut right = DVector::<f64>::zeros(count);
-    for pair in pairs {
-        let mut row = DMatrix::<f64>::zeros(3, count);
-        for k in 0..3 {
-            for axis in 0..3 {
-                row[(axis, 3 * k + axis)] = -pair.reading.position[k];
-            }
-            row[(k, 9 + k)] = -1.0;
-        }
-        let turn = pair.link.rotation.to_rotation_matrix().into_inner();
-        let mut value = -pair.link.translation.vector;
-        match campaign.link_from_target[pair.reading.target] {
-            Frame::Known(pose) => value -= turn * pose.translation.vector,
-            Frame::Estimate => row
-                .view_mut((0, 12 + 3 * pair.reading.target), (3, 3))
-                .copy_from(&turn),
-        }
-        normal += row.transpose() * &row;
-        right += row.transpose() * value;
+/// Pseudo-inverse of a positive semidefinite matrix.
+fn pseudo_inverse(matrix: DMatrix<f64>) -> DMatrix<f64> {
+    // nothing to decompose, or what is no number, of which the decomposition does not end
+    if matrix.is_empty() || matrix.iter().any(|x| !x.is_finite()) {
+        return DMatrix::zeros(matrix.nrows(), matrix.ncols());
     }
-    let solution = least_norm(normal, &right);
-    let matrix = Matrix3::from_iterator(solution.iter().take(9).copied());
-    (matrix.norm() > 1e-9).then(|| nearest_rotation(&matrix))
-}
-
-/// Least-norm solution of a positive semidefinite system.
-fn least_norm(normal: DMatrix<f64>, right: &DVector<f64>) -> DVector<f64> {
-    // the decomposition of what is no number does not end
-    if normal.iter().any(|x| !x.is_finite()) {
-        return DVector::zeros(right.len());
+    let eigen = matrix.symmetric_eigen();
+    let largest = eigen.eigenvalues.max();
+    let mut vectors = eigen.eigenvectors.clone();
+    for (value, mut vector) in eigen.eigenvalues.iter().zip(vectors.column_iter_mut()) {
+        vector *= match *value > 1e-12 * largest {
+            true => value.recip(),
+            false => 0.0,
+        };
     }
-    let eigen = normal.symmetric_eigen();
-    let largest = eigen.eigenvalues.iter().fold(0.0f64, |a, &b| a.max(b));
-    let mut solution = DVector::zeros(right.len());
-    for (value, vector) in eigen
-        .eigenvalues
-        .iter()
-        .zip(eigen.eigenvectors.column_iter())
-    {
-        if *value > 1e-12 * largest {
-            solution += vector * (vector.dot(right) / value);
-        }
-    }
-    solution
+    vectors * eigen.eigenvectors.transpose()
 }
 
 /// The rotation closest to a matrix (Kabsch 1976).

@@ -340,9 +340,10 @@ fn keep(
                 ));
             }
             if names[..] != message.name[..] {
-                *names = message.name.into();
+                *names = message.name.as_ref().into();
             }
-            all.push((stamp(&message.header, log), names.clone(), message.position));
+            let stamp = stamp(&message.header, log);
+            all.push((stamp, names.clone(), message.position.into_owned()));
         }
         (Samples::Poses(all), PoseStamped::NAME) => {
             let message: PoseStamped = decode(data)?;
@@ -362,7 +363,10 @@ fn keep(
             let message: Transforms = decode(data)?;
             for one in message.transforms {
                 let sample = pose(&one, log);
-                let pair = (one.header.frame_id, one.child_frame_id);
+                let pair = (
+                    one.header.frame_id.into_owned(),
+                    one.child_frame_id.into_owned(),
+                );
                 pairs.entry(pair).or_default().push(sample);
                 if pairs.len() > MOST_NAMES {
                     return Err("more than 10 000 pairs of frames".into());
@@ -372,7 +376,7 @@ fn keep(
         (Samples::Wrenches(frame, all), WrenchStamped::NAME) => {
             let message: WrenchStamped = decode(data)?;
             if all.is_empty() {
-                frame.clone_from(&message.header.frame_id);
+                *frame = message.header.frame_id.to_string();
             } else if *frame != message.header.frame_id {
                 let found = &message.header.frame_id;
                 return Err(format!(

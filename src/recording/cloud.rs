@@ -3,7 +3,7 @@
 use super::error::RecordingError;
 use super::messages::{PointCloud, PointField, Text, Transforms};
 use super::transforms::{links, moving};
-use super::write::{Recorder, channel, header, writer};
+use super::write::{Recorder, channel, header, stamp, writer};
 use super::{ROBOT_DESCRIPTION, RUN_RECORD, TF, TF_STATIC, description};
 use crate::campaign::{RobotFile, write_atomically};
 use crate::plot::colour;
@@ -71,10 +71,10 @@ fn fill(
     let data = description::urdf(robot, file);
     recorder.message(topic, 0, 0, &Text { data })?;
     let topic = channel::<Transforms, _>(&mut recorder.writer, TF_STATIC, true)?;
-    let transforms = links(robot, "", &header(0, ""));
+    let transforms = links(robot, "", stamp(0));
     recorder.message(topic, 0, 0, &Transforms { transforms })?;
     let topic = channel::<Transforms, _>(&mut recorder.writer, TF, false)?;
-    let transforms = moving(robot, joints, &header(0, ""), |_| true);
+    let transforms = moving(robot, joints, stamp(0), |_| true);
     recorder.message(topic, 0, 0, &Transforms { transforms })?;
     for cloud in clouds {
         let topic = format!("/map/{}", cloud.name);
@@ -85,7 +85,7 @@ fn fill(
     Ok(())
 }
 
-fn message(cloud: &Cloud, base: &str) -> io::Result<PointCloud> {
+fn message<'a>(cloud: &Cloud, base: &'a str) -> io::Result<PointCloud<'a>> {
     let most = cloud.points.iter().map(|p| p.1).fold(0.0, f64::max);
     let mut data = Vec::with_capacity(cloud.points.len() * POINT_STEP);
     for (point, position, orientation) in &cloud.points {

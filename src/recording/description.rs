@@ -16,31 +16,28 @@ pub(super) fn urdf(robot: &Robot, file: &RobotFile) -> String {
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use super::super::messages::{Header, Time, TransformStamped};
+    use super::super::messages::{Time, TransformStamped};
     use super::super::transforms::{links, moving};
     use super::*;
     use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
     use std::collections::BTreeMap;
 
     fn frames(robot: &Robot, joints: &[f64]) -> BTreeMap<String, Isometry3<f64>> {
-        let header = Header {
-            stamp: Time { sec: 0, nanosec: 0 },
-            frame_id: String::new(),
-        };
+        let stamp = Time { sec: 0, nanosec: 0 };
         let mut poses = BTreeMap::from([(robot.bodies[0].name.clone(), Isometry3::identity())]);
-        let mut add = |t: &TransformStamped| {
+        let mut add = |t: &TransformStamped<'_>| {
             let (x, q) = (&t.translation, &t.rotation);
             let pose = Isometry3::from_parts(
                 Translation3::new(x.x, x.y, x.z),
                 UnitQuaternion::new_normalize(Quaternion::new(q.w, q.x, q.y, q.z)),
             );
-            let pose = poses[&t.header.frame_id] * pose;
-            poses.insert(t.child_frame_id.clone(), pose);
+            let pose = poses[t.header.frame_id.as_ref()] * pose;
+            poses.insert(t.child_frame_id.to_string(), pose);
         };
-        moving(robot, joints, &header, |_| true)
+        moving(robot, joints, stamp, |_| true)
             .iter()
             .for_each(&mut add);
-        links(robot, "", &header).iter().for_each(&mut add);
+        links(robot, "", stamp).iter().for_each(&mut add);
         poses
     }
 

@@ -1,11 +1,13 @@
 //! The messages of a recording: standard ROS 2 types, and one of our own for the rest.
 //!
 //! The fields stand in the order of the `.msg` texts, which are written into every file;
-//! CDR has no other way to tell them apart.
+//! CDR has no other way to tell them apart. Names and numbers may be borrowed: a recording says the same ones ten
+//! thousand times.
 
-use re_cdr::{BigEndian, LittleEndian};
+use re_cdr::{BigEndian, CdrBuffer, LittleEndian};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// A message type with its name and its text.
 pub(super) trait Message: Serialize + DeserializeOwned {
@@ -30,13 +32,36 @@ pub(super) fn schema<M: Message>() -> String {
     schema
 }
 
-/// CDR bytes, little-endian, with the encapsulation header.
-pub(super) fn encode<M: Message>(message: &M) -> Result<Vec<u8>, String> {
-    // Alignment counts from after the header.
-    let mut bytes = vec![0, 1, 0, 0];
-    let body = re_cdr::to_vec::<M, LittleEndian>(message).map_err(|error| error.to_string())?;
-    bytes.extend(body);
-    Ok(bytes)
+/// The end of a vector of bytes: alignment counts from its start, which is after a message's header.
+struct End<'a> {
+    bytes: &'a mut Vec<u8>,
+    start: usize,
+}
+
+impl CdrBuffer for End<'_> {
+    fn extend_from_slice(&mut self, data: &[u8]) {
+        self.bytes.extend_from_slice(data);
+    }
+
+    fn push(&mut self, byte: u8) {
+        self.bytes.push(byte);
+    }
+
+    fn len(&self) -> usize {
+        self.bytes.len() - self.start
+    }
+
+    fn clear(&mut self) {
+        self.bytes.truncate(self.start);
+    }
+}
+
+/// Appends a message in CDR, little-endian, with the encapsulation header.
+pub(super) fn encode<M: Message>(message: &M, bytes: &mut Vec<u8>) -> Result<(), String> {
+    bytes.extend([0, 1, 0, 0]);
+    let start = bytes.len();
+    re_cdr::to_buffer::<M, LittleEndian, _>(message, &mut End { bytes, start })
+        .map_err(|error| error.to_string())
 }
 
 /// Reads CDR bytes of either byte order.
@@ -67,16 +92,16 @@ const VECTOR3: (&str, &str) = text!("geometry_msgs", "Vector3");
 const QUATERNION: (&str, &str) = text!("geometry_msgs", "Quaternion");
 
 /// Seconds and nanoseconds since the start, or since 1970 if the campaign's times are such.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct Time {
     pub(super) sec: i32,
     pub(super) nanosec: u32,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Header {
+pub(super) struct Header<'a> {
     pub(super) stamp: Time,
-    pub(super) frame_id: String,
+    pub(super) frame_id: Cow<'a, str>,
 }
 
 /// `std_msgs/msg/String`.
@@ -91,31 +116,31 @@ impl Message for Text {
 }
 
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct JointState {
-    pub(super) header: Header,
-    pub(super) name: Vec<String>,
+pub(super) struct JointState<'a> {
+    pub(super) header: Header<'a>,
+    pub(super) name: Cow<'a, [String]>,
     /// Encoder angles, rad or m.
-    pub(super) position: Vec<f64>,
-    pub(super) velocity: Vec<f64>,
-    pub(super) effort: Vec<f64>,
+    pub(super) position: Cow<'a, [f64]>,
+    pub(super) velocity: Cow<'a, [f64]>,
+    pub(super) effort: Cow<'a, [f64]>,
 }
 
-impl Message for JointState {
+impl Message for JointState<'_> {
     const NAME: &'static str = "sensor_msgs/msg/JointState";
     const TEXTS: &'static [(&'static str, &'static str)] =
         &[text!("sensor_msgs", "JointState"), HEADER, TIME];
 }
 
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Temperature {
-    pub(super) header: Header,
+pub(super) struct Temperature<'a> {
+    pub(super) header: Header<'a>,
     /// °C.
     pub(super) temperature: f64,
     /// Zero: unknown.
     pub(super) variance: f64,
 }
 
-impl Message for Temperature {
+impl Message for Temperature<'_> {
     const NAME: &'static str = "sensor_msgs/msg/Temperature";
     const TEXTS: &'static [(&'static str, &'static str)] =
         &[text!("sensor_msgs", "Temperature"), HEADER, TIME];
@@ -139,13 +164,13 @@ pub(super) struct Xyzw {
 
 /// Nested structs are flat in CDR, so `Pose` needs no struct of its own.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct PoseStamped {
-    pub(super) header: Header,
+pub(super) struct PoseStamped<'a> {
+    pub(super) header: Header<'a>,
     pub(super) position: Xyz,
     pub(super) orientation: Xyzw,
 }
 
-impl Message for PoseStamped {
+impl Message for PoseStamped<'_> {
     const NAME: &'static str = "geometry_msgs/msg/PoseStamped";
     const TEXTS: &'static [(&'static str, &'static str)] = &[
         text!("geometry_msgs", "PoseStamped"),
@@ -158,15 +183,15 @@ impl Message for PoseStamped {
 }
 
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct WrenchStamped {
-    pub(super) header: Header,
+pub(super) struct WrenchStamped<'a> {
+    pub(super) header: Header<'a>,
     /// N.
     pub(super) force: Xyz,
     /// N·m.
     pub(super) torque: Xyz,
 }
 
-impl Message for WrenchStamped {
+impl Message for WrenchStamped<'_> {
     const NAME: &'static str = "geometry_msgs/msg/WrenchStamped";
     const TEXTS: &'static [(&'static str, &'static str)] = &[
         text!("geometry_msgs", "WrenchStamped"),
@@ -178,14 +203,14 @@ impl Message for WrenchStamped {
 }
 
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct TransformStamped {
-    pub(super) header: Header,
-    pub(super) child_frame_id: String,
+pub(super) struct TransformStamped<'a> {
+    pub(super) header: Header<'a>,
+    pub(super) child_frame_id: Cow<'a, str>,
     pub(super) translation: Xyz,
     pub(super) rotation: Xyzw,
 }
 
-impl Message for TransformStamped {
+impl Message for TransformStamped<'_> {
     const NAME: &'static str = "geometry_msgs/msg/TransformStamped";
     const TEXTS: &'static [(&'static str, &'static str)] = &[
         text!("geometry_msgs", "TransformStamped"),
@@ -198,12 +223,12 @@ impl Message for TransformStamped {
 }
 
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct PointStamped {
-    pub(super) header: Header,
+pub(super) struct PointStamped<'a> {
+    pub(super) header: Header<'a>,
     pub(super) point: Xyz,
 }
 
-impl Message for PointStamped {
+impl Message for PointStamped<'_> {
     const NAME: &'static str = "geometry_msgs/msg/PointStamped";
     const TEXTS: &'static [(&'static str, &'static str)] =
         &[text!("geometry_msgs", "PointStamped"), HEADER, TIME, POINT];
@@ -211,11 +236,11 @@ impl Message for PointStamped {
 
 /// Transforms of many frames at one time.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Transforms {
-    pub(super) transforms: Vec<TransformStamped>,
+pub(super) struct Transforms<'a> {
+    pub(super) transforms: Vec<TransformStamped<'a>>,
 }
 
-impl Message for Transforms {
+impl Message for Transforms<'_> {
     const NAME: &'static str = "tf2_msgs/msg/TFMessage";
     const TEXTS: &'static [(&'static str, &'static str)] = &[
         text!("tf2_msgs", "TFMessage"),
@@ -230,8 +255,8 @@ impl Message for Transforms {
 
 /// Points with more numbers each; `data` holds them packed.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct PointCloud {
-    pub(super) header: Header,
+pub(super) struct PointCloud<'a> {
+    pub(super) header: Header<'a>,
     pub(super) height: u32,
     pub(super) width: u32,
     pub(super) fields: Vec<PointField>,
@@ -251,7 +276,7 @@ pub(super) struct PointField {
     pub(super) count: u32,
 }
 
-impl Message for PointCloud {
+impl Message for PointCloud<'_> {
     const NAME: &'static str = "sensor_msgs/msg/PointCloud2";
     const TEXTS: &'static [(&'static str, &'static str)] = &[
         text!("sensor_msgs", "PointCloud2"),
@@ -261,10 +286,10 @@ impl Message for PointCloud {
     ];
 }
 
-impl PointCloud {
+impl<'a> PointCloud<'a> {
     /// Points one after the other, `step` bytes each.
     pub(super) fn of(
-        header: Header,
+        header: Header<'a>,
         fields: Vec<PointField>,
         step: usize,
         data: Vec<u8>,
@@ -285,12 +310,12 @@ impl PointCloud {
 }
 
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Vector3Stamped {
-    pub(super) header: Header,
+pub(super) struct Vector3Stamped<'a> {
+    pub(super) header: Header<'a>,
     pub(super) vector: Xyz,
 }
 
-impl Message for Vector3Stamped {
+impl Message for Vector3Stamped<'_> {
     const NAME: &'static str = "geometry_msgs/msg/Vector3Stamped";
     const TEXTS: &'static [(&'static str, &'static str)] = &[
         text!("geometry_msgs", "Vector3Stamped"),
@@ -326,16 +351,16 @@ impl Message for Float64MultiArray {
 
 /// One step of a ladder; see `msg/misfit_msgs_Rung.msg`.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Rung {
-    pub(super) header: Header,
-    pub(super) added: String,
+pub(super) struct Rung<'a> {
+    pub(super) header: Header<'a>,
+    pub(super) added: Cow<'a, str>,
     pub(super) fitted_rms_m: f64,
     pub(super) heldout_rms_m: Vec<f64>,
     pub(super) position: Xyz,
     pub(super) orientation: Xyzw,
 }
 
-impl Message for Rung {
+impl Message for Rung<'_> {
     const NAME: &'static str = "misfit_msgs/msg/Rung";
     const TEXTS: &'static [(&'static str, &'static str)] = &[
         text!("misfit_msgs", "Rung"),
@@ -349,14 +374,14 @@ impl Message for Rung {
 
 /// One step of the solver; see `msg/misfit_msgs_FitProgress.msg`.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct FitProgress {
-    pub(super) header: Header,
+pub(super) struct FitProgress<'a> {
+    pub(super) header: Header<'a>,
     pub(super) rung: u32,
     pub(super) iteration: u32,
     pub(super) cost: f64,
 }
 
-impl Message for FitProgress {
+impl Message for FitProgress<'_> {
     const NAME: &'static str = "misfit_msgs/msg/FitProgress";
     const TEXTS: &'static [(&'static str, &'static str)] =
         &[text!("misfit_msgs", "FitProgress"), HEADER, TIME];
@@ -364,24 +389,24 @@ impl Message for FitProgress {
 
 /// What the standard types lack; see `msg/misfit_msgs_Reading.msg`.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct ReadingMessage {
-    pub(super) header: Header,
+pub(super) struct ReadingMessage<'a> {
+    pub(super) header: Header<'a>,
     pub(super) line: u64,
-    pub(super) target: String,
-    pub(super) pose: Vec<String>,
-    pub(super) repeat: Vec<String>,
+    pub(super) target: Cow<'a, str>,
+    pub(super) pose: Cow<'a, [String]>,
+    pub(super) repeat: Cow<'a, [String]>,
     pub(super) heldout: bool,
     pub(super) has_orientation: bool,
     pub(super) has_wrench: bool,
-    pub(super) time: Vec<f64>,
-    pub(super) temperature: Vec<f64>,
+    pub(super) time: Cow<'a, [f64]>,
+    pub(super) temperature: Cow<'a, [f64]>,
     pub(super) temperature_links: Vec<String>,
     pub(super) link_temperatures: Vec<f64>,
     pub(super) approach: Vec<i8>,
     pub(super) payload: Vec<f64>,
 }
 
-impl Message for ReadingMessage {
+impl Message for ReadingMessage<'_> {
     const NAME: &'static str = "misfit_msgs/msg/Reading";
     const TEXTS: &'static [(&'static str, &'static str)] =
         &[text!("misfit_msgs", "Reading"), HEADER, TIME];

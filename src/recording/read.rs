@@ -94,21 +94,21 @@ fn read(path: &Path, with_results: bool) -> Result<Recording, RecordingError> {
 struct Contents {
     attachments: BTreeMap<String, Vec<u8>>,
     record: Option<BTreeMap<String, String>>,
-    joints: BTreeMap<u64, JointState>,
-    poses: BTreeMap<u64, PoseStamped>,
-    wrenches: BTreeMap<u64, WrenchStamped>,
+    joints: BTreeMap<u64, JointState<'static>>,
+    poses: BTreeMap<u64, PoseStamped<'static>>,
+    wrenches: BTreeMap<u64, WrenchStamped<'static>>,
     /// In the order of the file.
-    readings: Vec<(u64, ReadingMessage)>,
+    readings: Vec<(u64, ReadingMessage<'static>)>,
     run: BTreeMap<String, String>,
     /// Are the topics below wanted?
     with_results: bool,
     /// Frames of the fitted robot's bodies that move, by log time.
-    fitted: BTreeMap<u64, Transforms>,
+    fitted: BTreeMap<u64, Transforms<'static>>,
     /// Of those that do not, by name.
-    fixed: BTreeMap<String, TransformStamped>,
+    fixed: BTreeMap<String, TransformStamped<'static>>,
     /// By log time, as the clouds.
-    rungs: BTreeMap<u64, Rung>,
-    clouds: BTreeMap<u64, PointCloud>,
+    rungs: BTreeMap<u64, Rung<'static>>,
+    clouds: BTreeMap<u64, PointCloud<'static>>,
     progress: Vec<Progress>,
     verdict: String,
 }
@@ -198,7 +198,7 @@ impl Contents {
                 let own = fixed.transforms.into_iter();
                 let own = own.filter(|frame| frame.child_frame_id.starts_with(FITTED));
                 self.fixed
-                    .extend(own.map(|frame| (frame.child_frame_id.clone(), frame)));
+                    .extend(own.map(|frame| (frame.child_frame_id.to_string(), frame)));
                 Ok(())
             }
             LADDER_RUNG => at.keep(&mut self.rungs, at.decode(channel, data)?),
@@ -242,7 +242,7 @@ impl Contents {
     fn efforts(&self) -> BTreeMap<u64, Vec<f64>> {
         let states = self.joints.iter();
         states
-            .map(|(time, state)| (*time, state.effort.clone()))
+            .map(|(time, state)| (*time, state.effort.to_vec()))
             .collect()
     }
 
@@ -398,15 +398,15 @@ impl Contents {
         let approach = message.approach.iter().map(|d| f64::from(*d)).collect();
         Ok(Reading {
             line,
-            pose: here.at_most_one("pose", message.pose)?,
-            repeat: here.at_most_one("repeat", message.repeat)?,
+            pose: here.at_most_one("pose", &message.pose)?,
+            repeat: here.at_most_one("repeat", &message.repeat)?,
             target,
             split: match message.heldout {
                 true => Split::Heldout,
                 false => Split::Fit,
             },
-            time: here.at_most_one("time", message.time)?,
-            temperature: here.at_most_one("temperature", message.temperature)?,
+            time: here.at_most_one("time", &message.time)?,
+            temperature: here.at_most_one("temperature", &message.temperature)?,
             link_temperatures,
             joints: at(JOINT_STATES).in_order(robot, &joints)?,
             approach: (!message.approach.is_empty()).then_some(approach),
@@ -479,11 +479,12 @@ impl Place<'_> {
         })
     }
 
-    fn at_most_one<T>(&self, what: &str, items: Vec<T>) -> Result<Option<T>, RecordingError> {
-        if items.len() > 1 {
-            return Err(self.refuse(format!("more than one {what}")));
+    fn at_most_one<T: Clone>(&self, what: &str, items: &[T]) -> Result<Option<T>, RecordingError> {
+        match items {
+            [] => Ok(None),
+            [item] => Ok(Some(item.clone())),
+            _ => Err(self.refuse(format!("more than one {what}"))),
         }
-        Ok(items.into_iter().next())
     }
 
     /// Angles in the order of the robot's joints; other joints are not known here.

@@ -5,11 +5,12 @@ use super::messages::{
     Text, TransformStamped, Transforms, Vector3Stamped,
 };
 use super::transforms::{pose, stamped, xyz, xyzw};
-use super::write::{Encoded, Recorder, channel, header};
+use super::write::{Encoded, Recorder, channel, header, stamp};
 use crate::campaign::{Campaign, Reading};
 use crate::plot::colour;
 use crate::robot::{Body, Robot};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::{self, Seek, Write};
 
@@ -170,27 +171,29 @@ pub(super) fn fitted_bodies(robot: &Robot, links: &[Isometry3<f64>]) -> Vec<Isom
         .collect()
 }
 
-/// Some of these frames.
-pub(super) fn fitted_frames(
-    robot: &Robot,
+/// Some of these frames; `names` are those of [`fitted_names`].
+pub(super) fn fitted_frames<'a>(
+    robot: &'a Robot,
+    names: &'a [String],
     bodies: &[Isometry3<f64>],
     time: u64,
     wanted: impl Fn(usize) -> bool,
-) -> Vec<TransformStamped> {
-    let all = robot.bodies.iter().zip(bodies).enumerate();
-    let wanted = all.filter(|(index, _)| wanted(*index));
-    let frame = |(index, (body, pose)): (usize, (&Body, &Isometry3<f64>))| {
-        let parent = match index {
-            0 => body.name.clone(),
-            _ => {
-                let parent = robot.joints[index - 1].parent;
-                format!("{FITTED}{}", robot.bodies[parent].name)
-            }
+) -> Vec<TransformStamped<'a>> {
+    let wanted = (0..bodies.len()).filter(|body| wanted(*body));
+    let frame = |body: usize| {
+        let parent = match body {
+            0 => &robot.bodies[0].name,
+            _ => &names[robot.joints[body - 1].parent],
         };
-        let child = format!("{FITTED}{}", body.name);
-        stamped(&header(time, ""), &parent, child, pose)
+        stamped(stamp(time), parent, &names[body], &bodies[body])
     };
     wanted.map(frame).collect()
+}
+
+/// Names of the frames of the fitted robot's bodies.
+pub(super) fn fitted_names(robot: &Robot) -> Vec<String> {
+    let name = |body: &Body| format!("{FITTED}{}", body.name);
+    robot.bodies.iter().map(name).collect()
 }
 
 /// What the first and the last model say of one reading, in the frame called `tracker`.
@@ -268,7 +271,7 @@ impl<W: Write + Seek> Recorder<W> {
             let frame = from_base * step.base_from_tracker;
             let rung = Rung {
                 header: header(time, base),
-                added: step.added.clone(),
+                added: Cow::Borrowed(&step.added),
                 fitted_rms_m: step.fitted_rms_m,
                 heldout_rms_m: step.heldout_rms_m.into_iter().collect(),
                 position: xyz(&frame.translation.vector),
@@ -310,13 +313,13 @@ fn errors<'a>(campaign: &'a Campaign, step: &'a Step) -> impl Iterator<Item = f6
 }
 
 /// Colours by the error, all steps on the scale of the first: `most`, m, is its last colour.
-fn cloud(
+fn cloud<'a>(
     campaign: &Campaign,
     step: &Step,
     most: f64,
     time: u64,
-    tracker: &str,
-) -> io::Result<PointCloud> {
+    tracker: &'a str,
+) -> io::Result<PointCloud<'a>> {
     let mut data = Vec::with_capacity(campaign.readings.len() * POINT_STEP);
     let pairs = campaign.readings.iter().zip(&step.predicted);
     for ((reading, predicted), error) in pairs.zip(errors(campaign, step)) {
@@ -341,7 +344,7 @@ fn cloud(
 }
 
 /// The predicted poses of a rung's points.
-pub(super) fn predicted(cloud: &PointCloud) -> Result<Vec<Isometry3<f64>>, String> {
+pub(super) fn predicted(cloud: &PointCloud<'_>) -> Result<Vec<Isometry3<f64>>, String> {
     let fields = cloud.fields.iter();
     let fields = fields.map(|field| (field.name.as_str(), field.offset, field.datatype));
     let known = fields.eq(FIELDS) && !cloud.is_bigendian && cloud.point_step as usize == POINT_STEP;
@@ -363,12 +366,12 @@ pub(super) fn predicted(cloud: &PointCloud) -> Result<Vec<Isometry3<f64>>, Strin
 }
 
 /// A step from its two messages.
-pub(super) fn step(rung: Rung, cloud: &PointCloud, robot: &Robot) -> Result<Step, String> {
+pub(super) fn step(rung: Rung<'_>, cloud: &PointCloud<'_>, robot: &Robot) -> Result<Step, String> {
     let frame = pose(&rung.position, &rung.orientation)?;
     Ok(Step {
         base_from_tracker: robot.body_from_frame(0) * frame,
         predicted: predicted(cloud)?,
-        added: rung.added,
+        added: rung.added.into_owned(),
         fitted_rms_m: rung.fitted_rms_m,
         heldout_rms_m: rung.heldout_rms_m.first().copied(),
     })
@@ -378,15 +381,14 @@ pub(super) fn step(rung: Rung, cloud: &PointCloud, robot: &Robot) -> Result<Step
 /// in a message on /tf, or in one on /tf_static if they do not move.
 pub(super) fn links(
     robot: &Robot,
-    moving: &Transforms,
-    fixed: &BTreeMap<String, TransformStamped>,
+    moving: &Transforms<'_>,
+    fixed: &BTreeMap<String, TransformStamped<'_>>,
 ) -> Result<Vec<Isometry3<f64>>, String> {
     let mut frames: Vec<Isometry3<f64>> = Vec::with_capacity(robot.bodies.len());
-    for (index, body) in robot.bodies.iter().enumerate() {
-        let name = format!("{FITTED}{}", body.name);
+    for (index, name) in fitted_names(robot).iter().enumerate() {
         let mut moving = moving.transforms.iter();
-        let found = moving.find(|t| t.child_frame_id == name);
-        let found = found.or_else(|| fixed.get(&name));
+        let found = moving.find(|t| t.child_frame_id == *name);
+        let found = found.or_else(|| fixed.get(name));
         let found = found.ok_or_else(|| format!("no frame {name:?} on /tf or /tf_static"))?;
         // in that of the body before it, or in the base
         let before = match (index, found.header.frame_id.starts_with(FITTED)) {

@@ -1,9 +1,10 @@
 //! Where every frame of the robot stands: for viewers, computed from the nominal robot.
 
-use super::messages::{Header, TransformStamped, Xyz, Xyzw};
+use super::messages::{Header, Time, TransformStamped, Xyz, Xyzw};
 use crate::campaign::{Campaign, Frame, unit_quaternion};
 use crate::robot::Robot;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use std::borrow::Cow;
 
 /// Name of the tracker's frame, unlike any link's.
 pub(super) fn tracker_frame(robot: &Robot) -> String {
@@ -15,11 +16,11 @@ pub(super) fn tracker_frame(robot: &Robot) -> String {
 }
 
 /// The tracker if its place is known: from the campaign, or as `found`.
-pub(super) fn tracker(
-    campaign: &Campaign,
+pub(super) fn tracker<'a>(
+    campaign: &'a Campaign,
     found: Option<&Isometry3<f64>>,
-    header: &Header,
-) -> Option<TransformStamped> {
+    stamp: Time,
+) -> Option<TransformStamped<'a>> {
     let robot = &campaign.robot;
     let base_from_tracker = match campaign.base_from_tracker {
         Frame::Known(pose) => pose,
@@ -29,11 +30,11 @@ pub(super) fn tracker(
     let link_from_tracker = robot.body_from_frame(0).inverse() * base_from_tracker;
     let base = &robot.bodies.first()?.name;
     let child = tracker_frame(robot);
-    Some(stamped(header, base, child, &link_from_tracker))
+    Some(stamped(stamp, base, child, &link_from_tracker))
 }
 
 /// Links in the frame of the first link of their body, `before` each name.
-pub(super) fn links(robot: &Robot, before: &str, header: &Header) -> Vec<TransformStamped> {
+pub(super) fn links<'a>(robot: &'a Robot, before: &str, stamp: Time) -> Vec<TransformStamped<'a>> {
     let mut transforms = Vec::new();
     for link in &robot.links {
         if let Some(body) = robot.bodies.get(link.body)
@@ -41,19 +42,19 @@ pub(super) fn links(robot: &Robot, before: &str, header: &Header) -> Vec<Transfo
         {
             let pose = robot.body_from_frame(link.body).inverse() * link.body_from_link;
             let (parent, child) = (format!("{before}{}", body.name), &link.name);
-            transforms.push(stamped(header, &parent, format!("{before}{child}"), &pose));
+            transforms.push(stamped(stamp, parent, format!("{before}{child}"), &pose));
         }
     }
     transforms
 }
 
 /// These joints at these angles, rad or m.
-pub(super) fn moving(
-    robot: &Robot,
+pub(super) fn moving<'a>(
+    robot: &'a Robot,
     joints: &[f64],
-    header: &Header,
+    stamp: Time,
     wanted: impl Fn(usize) -> bool,
-) -> Vec<TransformStamped> {
+) -> Vec<TransformStamped<'a>> {
     let mut transforms = Vec::with_capacity(robot.joints.len());
     for (index, (joint, q)) in robot.joints.iter().zip(joints).enumerate() {
         if wanted(index)
@@ -64,25 +65,25 @@ pub(super) fn moving(
                 * joint.parent_from_joint
                 * joint.motion(*q)
                 * robot.body_from_frame(index + 1);
-            transforms.push(stamped(header, &parent.name, child.name.clone(), &pose));
+            transforms.push(stamped(stamp, &parent.name, &child.name, &pose));
         }
     }
     transforms
 }
 
 /// Pose of a frame in its parent's.
-pub(super) fn stamped(
-    header: &Header,
-    parent: &str,
-    child: String,
+pub(super) fn stamped<'a>(
+    stamp: Time,
+    parent: impl Into<Cow<'a, str>>,
+    child: impl Into<Cow<'a, str>>,
     parent_from_child: &Isometry3<f64>,
-) -> TransformStamped {
+) -> TransformStamped<'a> {
     TransformStamped {
         header: Header {
-            stamp: header.stamp.clone(),
-            frame_id: parent.to_owned(),
+            stamp,
+            frame_id: parent.into(),
         },
-        child_frame_id: child,
+        child_frame_id: child.into(),
         translation: xyz(&parent_from_child.translation.vector),
         rotation: xyzw(&parent_from_child.rotation),
     }

@@ -6,7 +6,7 @@ use super::messages::{
     TransformStamped, Transforms, WrenchStamped, encode, schema,
 };
 use super::results::{
-    self, FITTED, ResultChannels, Results, fitted_bodies, fitted_frames, predictions,
+    self, FITTED, ResultChannels, Results, fitted_bodies, fitted_frames, fitted_names, predictions,
 };
 use super::transforms::{links, moving, tracker, tracker_frame, xyz, xyzw};
 use super::{
@@ -262,7 +262,8 @@ impl<W: Write + Seek> Recorder<W> {
         log_time: u64,
         message: &M,
     ) -> io::Result<()> {
-        let bytes = encode(message).map_err(io::Error::other)?;
+        let mut bytes = Vec::new();
+        encode(message, &mut bytes).map_err(io::Error::other)?;
         self.bytes(channel, sequence, log_time, &bytes)
     }
 
@@ -348,8 +349,7 @@ pub(super) struct Encoded {
 
 impl Encoded {
     pub(super) fn add<M: Message>(&mut self, channel: u16, message: &M) -> io::Result<()> {
-        let message = encode(message).map_err(io::Error::other)?;
-        self.bytes.extend(message);
+        encode(message, &mut self.bytes).map_err(io::Error::other)?;
         self.ends.push((channel, self.bytes.len()));
         Ok(())
     }
@@ -367,6 +367,8 @@ struct Scene<'a> {
     turns: Vec<bool>,
     /// Frames of the fitted robot's bodies, by readings.
     fitted: Vec<Vec<Isometry3<f64>>>,
+    /// Names of these frames.
+    fitted_names: Vec<String>,
     /// By bodies: do they move?
     moves: Vec<bool>,
 }
@@ -399,23 +401,27 @@ impl<'a> Scene<'a> {
             turns: (0..robot.joints.len()).map(turns).collect(),
             moves: (0..robot.bodies.len()).map(moves).collect(),
             fitted,
+            fitted_names: fitted_names(robot),
         }
     }
 
     /// What does not move: links on their bodies, joints that are not turned, and the tracker if its place is known.
-    fn fixed(&self, time: u64) -> Vec<TransformStamped> {
+    fn fixed(&self, time: u64) -> Vec<TransformStamped<'_>> {
         let robot = &self.campaign.robot;
-        let header = header(time, "");
+        let stamp = stamp(time);
         let last = self.results.and_then(|results| results.steps.last());
         let found = last.map(|step| &step.base_from_tracker);
-        let mut transforms: Vec<_> = tracker(self.campaign, found, &header).into_iter().collect();
-        transforms.extend(links(robot, "", &header));
+        let mut transforms: Vec<_> = tracker(self.campaign, found, stamp).into_iter().collect();
+        transforms.extend(links(robot, "", stamp));
         if let Some(first) = self.campaign.readings.first() {
-            transforms.extend(moving(robot, &first.joints, &header, |j| !self.turns[j]));
+            transforms.extend(moving(robot, &first.joints, stamp, |j| !self.turns[j]));
         }
         if let Some(first) = self.fitted.first() {
-            transforms.extend(links(robot, FITTED, &header));
-            transforms.extend(fitted_frames(robot, first, time, |body| !self.moves[body]));
+            transforms.extend(links(robot, FITTED, stamp));
+            let names = &self.fitted_names;
+            transforms.extend(fitted_frames(robot, names, first, time, |body| {
+                !self.moves[body]
+            }));
         }
         transforms
     }
@@ -427,23 +433,25 @@ impl<'a> Scene<'a> {
         let target = &self.campaign.targets[reading.target];
         let link = &robot.links[target.link].name;
         let mut out = Encoded {
-            bytes: Vec::with_capacity(4096),
+            bytes: Vec::with_capacity(8192),
             ends: Vec::with_capacity(16),
         };
 
-        let torques = self.results.map(|results| results.torques[index].clone());
+        let torques = self.results.map(|results| &results.torques[index][..]);
         let joints = JointState {
             header: header(time, base),
-            name: self.names.clone(),
-            position: reading.joints.clone(),
-            velocity: Vec::new(),
-            effort: torques.unwrap_or_default(),
+            name: Cow::Borrowed(&self.names),
+            position: Cow::Borrowed(&reading.joints),
+            velocity: Cow::Borrowed(&[]),
+            effort: Cow::Borrowed(torques.unwrap_or_default()),
         };
         out.add(channels.joint_states, &joints)?;
-        let header_of = |frame: &str| header(time, frame);
-        let mut transforms = moving(robot, &reading.joints, &header_of(""), |j| self.turns[j]);
+        let mut transforms = moving(robot, &reading.joints, stamp(time), |j| self.turns[j]);
         if let Some(bodies) = self.fitted.get(index) {
-            transforms.extend(fitted_frames(robot, bodies, time, |body| self.moves[body]));
+            let names = &self.fitted_names;
+            transforms.extend(fitted_frames(robot, names, bodies, time, |body| {
+                self.moves[body]
+            }));
         }
         out.add(channels.tf, &Transforms { transforms })?;
         let orientation = reading.orientation.unwrap_or_else(UnitQuaternion::identity);
@@ -472,14 +480,14 @@ impl<'a> Scene<'a> {
         let rest = ReadingMessage {
             header: header(time, link),
             line: reading.line as u64,
-            target: target.name.clone(),
-            pose: reading.pose.iter().cloned().collect(),
-            repeat: reading.repeat.iter().cloned().collect(),
+            target: Cow::Borrowed(&target.name),
+            pose: Cow::Borrowed(reading.pose.as_slice()),
+            repeat: Cow::Borrowed(reading.repeat.as_slice()),
             heldout: reading.split == Split::Heldout,
             has_orientation: reading.orientation.is_some(),
             has_wrench: reading.wrench.is_some(),
-            time: reading.time.into_iter().collect(),
-            temperature: reading.temperature.into_iter().collect(),
+            time: Cow::Borrowed(reading.time.as_slice()),
+            temperature: Cow::Borrowed(reading.temperature.as_slice()),
             temperature_links: reading
                 .link_temperatures
                 .iter()
@@ -507,14 +515,18 @@ impl<'a> Scene<'a> {
     }
 }
 
-pub(super) fn header(log_time: u64, frame_id: &str) -> Header {
+pub(super) fn stamp(log_time: u64) -> Time {
     const SECOND: u64 = 1_000_000_000;
+    Time {
+        // More than 68 years of one-second steps: the stamp stays at its largest.
+        sec: i32::try_from(log_time / SECOND).unwrap_or(i32::MAX),
+        nanosec: (log_time % SECOND) as u32,
+    }
+}
+
+pub(super) fn header(log_time: u64, frame_id: &str) -> Header<'_> {
     Header {
-        stamp: Time {
-            // More than 68 years of one-second steps: the stamp stays at its largest.
-            sec: i32::try_from(log_time / SECOND).unwrap_or(i32::MAX),
-            nanosec: (log_time % SECOND) as u32,
-        },
-        frame_id: frame_id.into(),
+        stamp: stamp(log_time),
+        frame_id: Cow::Borrowed(frame_id),
     }
 }

@@ -1,0 +1,82 @@
+//! Cross-validation by pose: errors of poses that a fit has not seen.
+
+use super::noise::Whitener;
+use super::residuals::{Errors, residuals, summarise};
+use super::{CampaignProblem, Fit, alike, solve, start_values};
+use crate::campaign::{Campaign, Reading};
+use crate::model::Row;
+use rayon::prelude::*;
+
+/// Folds of the cross-validation by pose.
+pub const FOLDS: usize = 5;
+/// Below this many poses no cross-validation: a fold would be a pose or two.
+const FEWEST_POSES: usize = 10;
+
+/// Label of a reading's pose for grouping: its own, or its encoder angles.
+pub fn pose_key(reading: &Reading) -> (String, Vec<u64>) {
+    match &reading.pose {
+        Some(label) => (label.clone(), Vec::new()),
+        None => (
+            String::new(),
+            reading.joints.iter().map(|x| x.to_bits()).collect(),
+        ),
+    }
+}
+
+/// Fold of each reading, 0 to [`FOLDS`] - 1, poses in order of appearance going round; and the number of poses.
+pub fn folds(readings: &[&Reading]) -> (Vec<usize>, usize) {
+    let poses = alike::numbered(readings.iter().map(|reading| pose_key(reading)));
+    let count = poses.iter().max().map_or(0, |last| last + 1);
+    (poses.into_iter().map(|pose| pose % FOLDS).collect(), count)
+}
+
+/// Errors of poses left out a fifth at a time, none with too few poses; and how many of those fits did not
+/// converge.
+pub(super) fn cross_validated(
+    campaign: &Campaign,
+    fit: &Fit,
+    readings: &[&Reading],
+    whiteners: &[Whitener],
+) -> Option<(Errors, usize)> {
+    let (folds, poses) = folds(readings);
+    if poses < FEWEST_POSES {
+        return None;
+    }
+    let model = &fit.model;
+    let of_fold = |fold: usize| {
+        let inside = |keep: bool| -> Vec<usize> {
+            (0..readings.len())
+                .filter(|&i| (folds[i] != fold) == keep)
+                .collect()
+        };
+        let (kept, out) = (inside(true), inside(false));
+        let part: Vec<&Reading> = kept.iter().map(|&i| readings[i]).collect();
+        let whiteners: Vec<Whitener> = kept.iter().map(|&i| whiteners[i].clone()).collect();
+        // the prior is about frames that know nothing of the fold left out, and decides where the fit ends; the
+        // first step may begin near it
+        let start = start_values(campaign, model, &part);
+        let problem = CampaignProblem::new(model, &part, &whiteners, &fit.free, &start);
+        let of_free = |p: &[f64]| -> Vec<f64> { fit.free.iter().map(|&k| p[k]).collect() };
+        let centre = of_free(&start);
+        let begin = if fit.converged {
+            of_free(&fit.values)
+        } else {
+            centre.clone()
+        };
+        let found = solve::solve(&problem, &begin, &centre, |_, _| {});
+        let p = problem.full(&found.p);
+        let tested: Vec<&Reading> = out.iter().map(|&i| readings[i]).collect();
+        let rows: Vec<(usize, Row)> = out.into_iter().zip(residuals(model, &p, &tested)).collect();
+        (found.converged, rows)
+    };
+    let mut stopped = 0;
+    let mut left = vec![Row::zeros(); readings.len()];
+    let folds: Vec<_> = (0..FOLDS).into_par_iter().map(of_fold).collect();
+    for (converged, rows) in folds {
+        stopped += usize::from(!converged);
+        for (i, row) in rows {
+            left[i] = row;
+        }
+    }
+    Some((summarise(&left, readings, whiteners), stopped))
+}
