@@ -876,7 +876,7 @@ fn licences_of_all_packages_are_allowed() {
         .find_map(|line| line.strip_prefix("host: "))
         .unwrap();
     let output = Command::new(env!("CARGO"))
-        .args(["metadata", "--format-version", "1", "--locked", "--offline"])
+        .args(["metadata", "--format-version", "1", "--locked"])
         .args(["--filter-platform", host])
         .current_dir(root())
         .output()

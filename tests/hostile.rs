@@ -5,7 +5,8 @@ use crate::campaign::{DH_TABLE, TWO_ARMS, assert_same};
 use crate::cli::{misfit, refused};
 use mcap::records::MessageHeader;
 use misfit::campaign::{Campaign, CampaignError};
-use misfit::effects::table::MOST_EFFECTS;
+use misfit::diagnosis::diagnose;
+use misfit::effects::{self, table::MOST_EFFECTS};
 use misfit::fit::{self, Options};
 use misfit::formula::Formula;
 use misfit::input::{InputError, LARGEST_TABLE, LARGEST_TOML, LARGEST_URDF};
@@ -296,6 +297,43 @@ fn more_than_a_million_readings_are_refused() {
     fs::write(folder.path().join("s.toml"), design).unwrap();
     let error = Scenario::load(&folder.path().join("s.toml")).unwrap_err();
     says(&error, &["s.toml", "3000000 readings", "at most 1000000"]);
+}
+
+#[test]
+fn a_diagnosis_that_would_fill_the_memory_is_refused() {
+    let folder = cell();
+    let mut campaign = Campaign::load(&folder.path().join("c.toml")).unwrap();
+    let model = model_file::model(&campaign, None, None).unwrap();
+    // many columns by many rows, each of them allowed: a law of one's own with 50 parameters, a thousand times
+    let names: Vec<String> = (0..50).map(|k| format!("p{k}")).collect();
+    let parameters: Vec<String> = (names.iter())
+        .map(|name| format!("{name} = {{ unit = \"rad\", typical = 1e-4 }}"))
+        .collect();
+    let law = |number: usize| {
+        let table = toml::from_str(&format!(
+            "name = \"own{number}\"\nacts_on = \"q1\"\nlaw = \"{}\"\nparameters = {{ {} }}",
+            names.join("+"),
+            parameters.join(", ")
+        ));
+        let expression = effects::find("expression").unwrap();
+        expression.make(table.unwrap()).unwrap()
+    };
+    let own: Vec<_> = (0..1000).map(law).collect();
+    let readings = campaign.readings.clone();
+    campaign.readings = readings.iter().cycle().take(6000).cloned().collect();
+    let options = Options {
+        cross_validate: false,
+    };
+    let refused = soon(|| diagnose(&campaign, &model, &own, &options, |_| {}));
+    says(
+        &refused.unwrap_err(),
+        &[
+            "readings of up to 500",
+            "GB of memory",
+            "accepted: about",
+            "split",
+        ],
+    );
 }
 
 // ---- depths and numbers

@@ -59,7 +59,7 @@ pub(super) struct Analysis {
 }
 
 /// Effects that a model lacks: of the catalogue, those that need no options, in all their forms, and the user's own.
-fn lacking(model: &Model, own: &[Arc<dyn AnyEffect>]) -> Vec<Arc<dyn AnyEffect>> {
+pub(super) fn lacking(model: &Model, own: &[Arc<dyn AnyEffect>]) -> Vec<Arc<dyn AnyEffect>> {
     let entries = CATALOGUE.iter().filter(|entry| !model.has(entry.id));
     let made = entries.flat_map(|entry| entry.all_forms());
     let own = own.iter().filter(|effect| !model.has(effect.id())).cloned();

@@ -28,8 +28,8 @@ use crate::effects::AnyEffect;
 use crate::fit::alike::together;
 use crate::fit::noise::{self, Source};
 use crate::fit::{self, CampaignProblem, Fit, FitError, Options};
-use crate::model::Model;
-use analysis::{Analysis, against, analyse};
+use crate::model::{Model, wrench_is_measured};
+use analysis::{Analysis, against, analyse, lacking};
 use form::Form;
 pub use next::{NextError, POSES, next_poses};
 pub use patterns::Pattern;
@@ -40,6 +40,10 @@ use std::sync::Arc;
 
 /// Families whose expected λ at typical size is below this are invisible to a campaign.
 pub const VISIBLE: f64 = 9.0;
+/// Numbers that tests look at, at most: rows of all readings by columns of all effects.
+const LARGEST: usize = 400_000_000;
+/// Memory that a diagnosis takes for each of them, bytes (5.4 GB for 100,000 readings of 6 rows and 254 columns).
+const BYTES: usize = 36;
 /// Probability of any false alarm in one round of tests.
 const ALARM: f64 = 1e-3;
 /// Families this near to the best, in nats, are its aliases.
@@ -212,6 +216,7 @@ pub fn diagnose_until(
     mut on_step: impl FnMut(&str),
     enough: impl Fn(usize, Option<&str>, &Fit) -> bool,
 ) -> Result<Diagnosis, FitError> {
+    check_size(campaign, model, own)?;
     on_step("fitting the base model");
     let mut campaign = campaign.clone();
     let mut base = finite_fit(&campaign, model, None)?;
@@ -407,6 +412,34 @@ pub fn diagnose_until(
         waves,
         rejected,
         alone: first.alone,
+    })
+}
+
+/// Refuses what would fill the memory, before anything is computed.
+fn check_size(
+    campaign: &Campaign,
+    model: &Model,
+    own: &[Arc<dyn AnyEffect>],
+) -> Result<(), FitError> {
+    let own_columns = |effect: &Arc<dyn AnyEffect>| effect.parameters(&model.setup).len();
+    let columns = model.start().len() + 1;
+    let columns: usize = columns + lacking(model, own).iter().map(own_columns).sum::<usize>();
+    let rows = |reading: &Reading| {
+        let pose = if reading.orientation.is_some() { 6 } else { 3 };
+        pose + if wrench_is_measured(reading) { 6 } else { 0 }
+    };
+    let fitted = || campaign.readings.iter().filter(|r| r.split == Split::Fit);
+    let numbers = fitted().map(rows).sum::<usize>().saturating_mul(columns);
+    if numbers <= LARGEST {
+        return Ok(());
+    }
+    let readings = fitted().count();
+    Err(FitError::TooLarge {
+        campaign: campaign.name.clone(),
+        readings,
+        columns,
+        gigabytes: numbers.saturating_mul(BYTES) / 1_000_000_000,
+        most: (readings as f64 * (LARGEST as f64 / numbers as f64)) as usize,
     })
 }
 

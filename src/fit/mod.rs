@@ -71,6 +71,23 @@ pub enum FitError {
         /// What it lacks, or what is accepted.
         why: String,
     },
+    /// More than the memory of a usual machine holds.
+    #[error(
+        "{campaign}: {readings} readings of up to {columns} columns are too much for a diagnosis: {gigabytes} GB of \
+         memory; accepted: about {most} readings. Hold the others out: a column of the table, named by split"
+    )]
+    TooLarge {
+        /// Campaign file.
+        campaign: String,
+        /// Readings to fit.
+        readings: usize,
+        /// Parameters of the model and of all effects that are tried.
+        columns: usize,
+        /// What it would take, GB.
+        gigabytes: usize,
+        /// Readings of this kind that are accepted.
+        most: usize,
+    },
 }
 
 /// Where the held-out error comes from.
