@@ -11,7 +11,7 @@ use anyhow::{Context, ensure};
 use misfit::campaign::Campaign;
 use misfit::diagnosis::diagnose;
 use misfit::effects::{self, AnyEffect};
-use misfit::fit::{Fit, Options, fit};
+use misfit::fit::{Fit, FitError, Options, fit};
 use misfit::model::{Model, Rows, Workspace};
 use misfit::model_file;
 use misfit::plant::{Command, Plant};
@@ -297,7 +297,7 @@ fn text(seconds: f64) -> String {
 }
 
 /// The most memory that this process held while it did some work, bytes. Linux only.
-fn peak(work: impl FnOnce() -> anyhow::Result<()>) -> anyhow::Result<f64> {
+fn peak<T>(work: impl FnOnce() -> Result<T, FitError>) -> anyhow::Result<f64> {
     let status = Path::new("/proc/self/status");
     // forgets the peak so far
     std::fs::write("/proc/self/clear_refs", "5").context("Linux, with /proc/self/clear_refs")?;
@@ -321,8 +321,8 @@ fn memory() -> anyhow::Result<()> {
     for readings in [6_000, 12_000, 50_000, 100_000] {
         let campaign = campaign(&scenario, readings)?;
         let model = model_file::model(&campaign, None, None)?;
-        let fitting = peak(|| Ok(drop(fit(&campaign, &model, &OPTIONS, |_| {})?)))?;
-        let diagnosing = peak(|| Ok(drop(diagnose(&campaign, &model, &[], &OPTIONS, |_| {})?)))?;
+        let fitting = peak(|| fit(&campaign, &model, &OPTIONS, |_| {}))?;
+        let diagnosing = peak(|| diagnose(&campaign, &model, &[], &OPTIONS, |_| {}))?;
         let now = [fitting, diagnosing];
         let each = before.map(|(fewer, then)| {
             let more = (readings - fewer) as f64;

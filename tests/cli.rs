@@ -276,15 +276,34 @@ fn the_recording_and_the_table_give_the_same_result() {
     let recording = done(lab(), &["fit", "cell.mcap", "--json"]);
     let table = done(lab(), &["fit", "cell/campaign.toml", "--json"]);
     assert_eq!(recording, table);
-    // and so does any number of threads
-    for threads in ["1", "8"] {
-        let mut command = misfit(lab());
-        command.env("RAYON_NUM_THREADS", threads);
-        let output = command
-            .args(["fit", "cell.mcap", "--json"])
-            .output()
-            .unwrap();
-        assert_eq!(String::from_utf8(output.stdout).unwrap(), recording);
+}
+
+#[test]
+fn what_is_said_is_the_same_on_any_number_of_threads() {
+    let commands = [
+        "fit cell.mcap --json",
+        "diagnose cell.mcap --json",
+        "ladder cell.mcap --json",
+        "plan cell.mcap --json --poses 5",
+    ];
+    for command in commands {
+        let said = |threads: &str| {
+            let words = command.split(' ');
+            let mut misfit = misfit(lab());
+            let output = misfit
+                .env("RAYON_NUM_THREADS", threads)
+                .args(words)
+                .output();
+            let output = output.unwrap();
+            let complaint = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(0), "{command}: {complaint}");
+            assert!(output.stdout.len() > 100, "{command}: {complaint}");
+            output.stdout
+        };
+        let one = said("1");
+        for threads in ["2", "8"] {
+            assert!(said(threads) == one, "{command}: {threads} threads");
+        }
     }
 }
 
