@@ -2,16 +2,17 @@
 
 use super::outside::{NAMES, Outside};
 use super::signal;
+use super::size::Bench;
 use super::spec::Blind;
 use crate::campaign::{Campaign, Noise, Split};
 use crate::effects::{AnyEffect, Parameter, find};
 use crate::fit::noise;
 use crate::model_file::{self, ModelError};
 use crate::plan::space::generator;
-use crate::plant::{PlantError, PlantSpec};
+use crate::plant::PlantSpec;
 use crate::scenario::design::{stream, visits};
 use crate::scenario::efficiency::true_values;
-use crate::scenario::simulate::{PACE, measure, plant_spec};
+use crate::scenario::simulate::{PACE, measure};
 use crate::scenario::{Scenario, ScenarioError, Truth};
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
@@ -67,7 +68,7 @@ impl Class {
 
 /// Something hidden, in units of what was drawn for it.
 #[derive(Debug, Clone)]
-enum Hidden {
+pub(super) enum Hidden {
     Effect {
         effect: Arc<dyn AnyEffect>,
         /// Parameters at size one.
@@ -82,7 +83,7 @@ enum Hidden {
 
 /// A law a little different from the catalogue's.
 #[derive(Debug, Clone)]
-enum Twist {
+pub(super) enum Twist {
     /// A third harmonic of this size on each joint, by joint.
     ThirdHarmonic(Vec<(usize, f64)>),
     /// A drift that slows down: the time `u` from the first reading, at `start` (s from the middle), counts as
@@ -223,7 +224,7 @@ pub fn measured(scenario: &Scenario, plant: &PlantSpec) -> Result<Campaign, Case
 }
 
 impl Hidden {
-    fn name(&self) -> String {
+    pub(super) fn name(&self) -> String {
         match self {
             Self::Effect { effect, .. } => effect.id().to_owned(),
             Self::Outside(outside) => outside.name().to_owned(),
@@ -368,7 +369,7 @@ fn twist(
 }
 
 /// The truths as the catalogue can say them.
-fn truths(hidden: &[Hidden], sizes: &[f64]) -> Vec<Truth> {
+pub(super) fn truths(hidden: &[Hidden], sizes: &[f64]) -> Vec<Truth> {
     let of = |(hidden, &size): (&Hidden, &f64)| match hidden {
         Hidden::Effect { effect, values, .. } => Some(Truth {
             effect: effect.clone(),
@@ -382,127 +383,8 @@ fn truths(hidden: &[Hidden], sizes: &[f64]) -> Vec<Truth> {
     hidden.iter().zip(sizes).filter_map(of).collect()
 }
 
-/// Where hidden effects are tried out without noise.
-struct Bench<'a> {
-    scenario: &'a Scenario,
-    sigma: &'a Noise,
-}
-
-impl Bench<'_> {
-    fn plant(&self, hidden: &[Hidden], sizes: &[f64]) -> Result<PlantSpec, ScenarioError> {
-        let scenario = self.scenario;
-        let plant = |source: PlantError| ScenarioError::Plant {
-            file: scenario.file.clone(),
-            source,
-        };
-        let mut spec = plant_spec(scenario).map_err(plant)?;
-        for truth in truths(hidden, sizes) {
-            let values: Vec<f64> = truth.values.iter().map(|(_, value)| *value).collect();
-            let installed = truth.effect.install(&values, &scenario.setup, &mut spec);
-            installed.map_err(plant)?;
-        }
-        for (hidden, &size) in hidden.iter().zip(sizes) {
-            match hidden {
-                Hidden::Outside(outside) => {
-                    outside.install(size, &scenario.setup.robot, &mut spec);
-                }
-                Hidden::Effect {
-                    twist: Some(twist), ..
-                } => twist.install(size, &mut spec),
-                Hidden::Effect { .. } => {}
-            }
-        }
-        Ok(spec)
-    }
-
-    fn silent(&self, hidden: &[Hidden], sizes: &[f64]) -> Result<Campaign, ScenarioError> {
-        let spec = self.plant(hidden, sizes)?;
-        measure(self.scenario, &spec, &Noise::default(), || {})
-    }
-
-    /// λ of each hidden effect at these sizes, given the others.
-    fn lambdas(&self, hidden: &[Hidden], sizes: &[f64]) -> Result<Vec<f64>, CaseError> {
-        if hidden.is_empty() {
-            return Ok(Vec::new());
-        }
-        let all = self.silent(hidden, sizes)?;
-        let model = model_file::model(&all, None, None)?;
-        let mut told = self.scenario.clone();
-        told.truth.extend(truths(hidden, sizes));
-        let mut found = Vec::new();
-        for index in 0..hidden.len() {
-            let mut without = sizes.to_vec();
-            without[index] = 0.0;
-            let rest = self.silent(hidden, &without)?;
-            let mut model = model.clone();
-            for (other, hidden) in hidden.iter().enumerate() {
-                if let (true, Hidden::Effect { effect, .. }) = (other != index, hidden) {
-                    model = model.with(effect);
-                }
-            }
-            let values = true_values(&told, &model);
-            found.push(signal::lambda(&all, &rest, &model, &values, self.sigma));
-        }
-        Ok(found)
-    }
-
-    /// λ of all hidden effects that the catalogue's laws of the same names do not take up.
-    fn deviation(&self, hidden: &[Hidden], sizes: &[f64]) -> Result<f64, CaseError> {
-        let all = self.silent(hidden, sizes)?;
-        let rest = self.silent(hidden, &vec![0.0; sizes.len()])?;
-        let mut model = model_file::model(&all, None, None)?;
-        for hidden in hidden {
-            let entry = find(&hidden.name());
-            if let Some(usual) = entry.and_then(|entry| entry.make(toml::Table::new()).ok()) {
-                model = model.with(&usual);
-            }
-        }
-        let mut told = self.scenario.clone();
-        told.truth.extend(truths(hidden, sizes));
-        let values = true_values(&told, &model);
-        Ok(signal::lambda(&all, &rest, &model, &values, self.sigma))
-    }
-
-    /// Sizes at which each hidden effect has the λ wanted of it, given the others; smaller ones where that would be
-    /// larger than `most` typical sizes, or than the plant can realise.
-    fn sizes(&self, hidden: &[Hidden], wanted: &[f64], most: f64) -> Result<Vec<f64>, CaseError> {
-        /// Halvings before the plant is believed to have another reason.
-        const TRIES: usize = 8;
-        let limit: Vec<f64> = hidden
-            .iter()
-            .map(|hidden| match hidden {
-                Hidden::Effect { largest, .. } => most / largest.max(1e-3),
-                Hidden::Outside(_) => 10.0 * most,
-            })
-            .collect();
-        let mut sizes = vec![0.3; hidden.len()];
-        // λ grows with the square of the size, but for laws with a knee
-        for _ in 0..2 {
-            let found = self.lambdas(hidden, &sizes)?;
-            for (((size, found), wanted), limit) in
-                sizes.iter_mut().zip(found).zip(wanted).zip(&limit)
-            {
-                let ratio = (wanted / found.max(1e-12)).sqrt();
-                *size = (*size * ratio).min(*limit);
-            }
-            for _ in 0..TRIES {
-                match self.silent(hidden, &sizes) {
-                    Ok(_) => break,
-                    Err(ScenarioError::Plant { .. }) => {
-                        for size in &mut sizes {
-                            *size *= 0.5;
-                        }
-                    }
-                    Err(other) => return Err(other.into()),
-                }
-            }
-        }
-        Ok(sizes)
-    }
-}
-
 impl Twist {
-    fn install(&self, size: f64, plant: &mut PlantSpec) {
+    pub(super) fn install(&self, size: f64, plant: &mut PlantSpec) {
         match self {
             Self::ThirdHarmonic(of) => {
                 let of = of.clone();

@@ -11,6 +11,7 @@ pub mod case;
 mod outside;
 pub mod score;
 mod signal;
+mod size;
 pub mod spec;
 pub mod store;
 pub mod summary;
