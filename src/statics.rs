@@ -47,9 +47,9 @@ impl Load {
 /// Velocity field of an infinitesimal motion: `v(x) = linear + angular × x`.
 #[derive(Debug, Clone, Copy)]
 pub struct Screw {
-    /// Velocity of the point at the base origin.
+    /// Velocity of the point at the base origin: m per unit of what moves (rad, m, or one).
     pub linear: Vector3<f64>,
-    /// Angular velocity.
+    /// Angular velocity, rad per unit of the same.
     pub angular: Vector3<f64>,
 }
 

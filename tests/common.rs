@@ -1,6 +1,6 @@
 //! What several modules of tests share: robots, random postures, readings, and plant and model of one truth.
 
-use misfit::campaign::{Campaign, Frame, Noise, Payload, Reading, RobotFile, Split, Target};
+use misfit::campaign::{Campaign, Frame, Noise, Payload, Reading, RobotFile, Target};
 use misfit::effects::{self, AnyEffect};
 use misfit::model::{Model, Prediction, Workspace};
 use misfit::plant::instruments::{Draws, Seen, read};
@@ -163,20 +163,7 @@ pub fn apart(a: &Isometry3<f64>, b: &Isometry3<f64>) -> (f64, f64) {
 pub fn reading(target: usize, joints: Vec<f64>) -> Reading {
     Reading {
         line: 2,
-        pose: None,
-        repeat: None,
-        target,
-        split: Split::Fit,
-        time: None,
-        temperature: None,
-        link_temperatures: Vec::new(),
-        joints,
-        approach: None,
-        position: Vector3::zeros(),
-        orientation: None,
-        wrench: None,
-        payload: None,
-        process: None,
+        ..Reading::to_be(target, joints)
     }
 }
 

@@ -10,7 +10,7 @@ const OUTLIER: f64 = 5.0;
 pub struct Mean<T> {
     /// The mean.
     pub mean: T,
-    /// Of a sample, root mean square over the coordinates; zero of a single one.
+    /// Of a sample, in its unit, root mean square over the coordinates; zero of a single one.
     pub scatter: f64,
 }
 

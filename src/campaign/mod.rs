@@ -106,6 +106,22 @@ pub struct Noise {
     pub torque: f64,
 }
 
+impl Noise {
+    /// The same, so many times as large.
+    pub fn times(&self, factor: f64) -> Self {
+        Self {
+            position: self.position * factor,
+            position_per_metre: self.position_per_metre * factor,
+            radial: self.radial * factor,
+            radial_per_metre: self.radial_per_metre * factor,
+            orientation: self.orientation * factor,
+            joint: self.joint * factor,
+            force: self.force * factor,
+            torque: self.torque * factor,
+        }
+    }
+}
+
 /// To fit with, or only to show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Split {

@@ -110,7 +110,8 @@ impl Stage {
     }
 }
 
-/// One number of an effect. Zero is neutral: an effect with all its parameters at zero changes nothing.
+/// One number of an effect; all its values are in its SI unit. Zero is neutral: an effect with all its parameters at zero
+/// changes nothing.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
     /// Name within the effect, e.g. the joint's.

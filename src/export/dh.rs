@@ -35,15 +35,15 @@ const ADVICE: &str = "write a .urdf or a .json file";
 pub struct Row {
     /// The joint.
     pub joint: Joint,
-    /// Twist about x.
+    /// Twist about x, rad.
     pub alpha: f64,
-    /// Along x.
+    /// Along x, m.
     pub a: f64,
-    /// Turn about y, zero but for nearly parallel axes.
+    /// Turn about y, rad, zero but for nearly parallel axes.
     pub beta: f64,
-    /// About z, at encoder zero (revolute).
+    /// About z, rad, at encoder zero (revolute).
     pub theta: f64,
-    /// Along z, at encoder zero (prismatic).
+    /// Along z, m, at encoder zero (prismatic).
     pub d: f64,
     /// Mass of the body that the joint moves, kg, and its centre in the row's frame, m.
     pub mass: (f64, Vector3<f64>),

@@ -126,7 +126,7 @@ pub struct Fit {
     pub model: Model,
     /// All parameters, SI.
     pub values: Vec<f64>,
-    /// One standard deviation of each that is estimated.
+    /// One standard deviation of each that is estimated, SI.
     pub std: Vec<Option<f64>>,
     /// What became of each parameter.
     pub status: Vec<Status>,

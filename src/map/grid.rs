@@ -15,9 +15,9 @@ const POINTS: usize = 10_000;
 pub struct Grid {
     /// Axes that vary, the first one fastest.
     pub axes: Vec<usize>,
-    /// The coordinates that do not.
+    /// The coordinates that do not, m.
     pub at: Vector3<f64>,
-    /// Least and greatest along each of the axes.
+    /// Least and greatest along each of the axes, m.
     pub ranges: Vec<(f64, f64)>,
     /// Points along each.
     pub counts: Vec<usize>,

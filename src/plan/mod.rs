@@ -136,7 +136,7 @@ impl<'a> Task<'a> {
         Self {
             model: &fit.model,
             values: &fit.values,
-            noise: times(&fit.noise.shape, fit.noise.factor.sqrt()),
+            noise: fit.noise.shape.times(fit.noise.factor.sqrt()),
             measured: readings,
             protocol,
             space,
@@ -153,20 +153,6 @@ impl<'a> Task<'a> {
             .filter(|(_, (_, parameter))| parameter.vary)
             .map(|(index, _)| index)
             .collect()
-    }
-}
-
-/// Noise so many times as large.
-fn times(noise: &Noise, factor: f64) -> Noise {
-    Noise {
-        position: noise.position * factor,
-        position_per_metre: noise.position_per_metre * factor,
-        radial: noise.radial * factor,
-        radial_per_metre: noise.radial_per_metre * factor,
-        orientation: noise.orientation * factor,
-        joint: noise.joint * factor,
-        force: noise.force * factor,
-        torque: noise.torque * factor,
     }
 }
 

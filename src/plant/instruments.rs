@@ -12,7 +12,7 @@ use rand_distr::StandardNormal;
 /// computed in any order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Draws {
-    /// One a joint.
+    /// One a joint, to be multiplied by its noise in rad (m).
     pub joints: Vec<f64>,
     position: Vector3<f64>,
     orientation: Vector3<f64>,

@@ -24,6 +24,9 @@ pub struct Maps {
 }
 
 /// The load that a scenario's maps are of: its design's last.
+///
+/// # Errors
+/// If that load has a pull: maps know dead weights alone.
 pub fn last_load(scenario: &Scenario) -> Result<Payload, ScenarioError> {
     let none = Payload {
         mass: 0.0,

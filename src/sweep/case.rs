@@ -156,7 +156,7 @@ pub fn draw(scenario: &Scenario, number: usize) -> Result<Case, CaseError> {
     let base = scenario.redrawn(seed(scenario, number))?;
     let mut random = generator(base.seed, stream::SWEEP);
     let (class, place) = class(blind, number);
-    let sigma = scaled(&base.noise, blind.noise_factor);
+    let sigma = base.noise.times(blind.noise_factor);
     let hidden = hide(&base, blind, class, place, &mut random)?;
     let [low, high] = match class {
         Class::One => blind.lambda,
@@ -217,7 +217,7 @@ pub fn measured(scenario: &Scenario, plant: &PlantSpec) -> Result<Campaign, Case
             file: scenario.file.clone(),
         });
     };
-    let sigma = scaled(&scenario.noise, blind.noise_factor);
+    let sigma = scenario.noise.times(blind.noise_factor);
     let mut campaign = measure(scenario, plant, &sigma, || {})?;
     spoil(&mut campaign, blind, &sigma, scenario.seed);
     Ok(campaign)
@@ -407,20 +407,6 @@ impl Twist {
             }
             Self::Bent(curvature) => plant.expansion_curvature = *curvature,
         }
-    }
-}
-
-/// A noise so many times as large.
-fn scaled(noise: &Noise, factor: f64) -> Noise {
-    Noise {
-        position: noise.position * factor,
-        position_per_metre: noise.position_per_metre * factor,
-        radial: noise.radial * factor,
-        radial_per_metre: noise.radial_per_metre * factor,
-        orientation: noise.orientation * factor,
-        joint: noise.joint * factor,
-        force: noise.force * factor,
-        torque: noise.torque * factor,
     }
 }
 

@@ -51,7 +51,7 @@ pub struct Moment {
     /// What the command corrected for the tool alone would miss the pose by at this moment: `[v; ω]`, tracker's frame,
     /// m and rad.
     pub before: Vector6<f64>,
-    /// What the command in force misses it by.
+    /// What the command in force misses it by, m and rad alike.
     pub after: Vector6<f64>,
 }
 
