@@ -401,6 +401,12 @@ fn a_formula_nested_too_deeply_is_refused() {
 fn powers_have_a_value_by_both_ways_or_by_none() {
     for (text, values) in [
         ("x^y", [1.0, f64::INFINITY]),
+        ("x^y", [f64::INFINITY, 0.0]),
+        // found by fuzzing: infinity to a power that underflows
+        (
+            "((-t)^(-(3)^22)^3-t)^(-(-t)^(-(3)^2)^2-t)^(-(-33)^2)^2",
+            [0.3, 0.0],
+        ),
         ("x^1.5 + 0*y", [f64::NEG_INFINITY, 0.0]),
         ("x^0.5 + 0*y", [f64::NEG_INFINITY, 0.0]),
         ("x^65 + 0*y", [-1.1, 0.0]),
