@@ -11,13 +11,14 @@ use anyhow::{Context, ensure};
 use misfit::campaign::Campaign;
 use misfit::diagnosis::diagnose;
 use misfit::effects::{self, AnyEffect};
-use misfit::fit::{Fit, FitError, Options, fit};
+use misfit::fit::{Fit, Options, fit};
 use misfit::model::{Model, Rows, Workspace};
 use misfit::model_file;
 use misfit::plant::{Command, Plant};
 use misfit::scenario::{Scenario, design, simulate};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
+use std::process;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -296,38 +297,48 @@ fn text(seconds: f64) -> String {
     format!("{value:.digits$} {unit}")
 }
 
-/// The most memory that this process held while it did some work, bytes. Linux only.
-fn peak<T>(work: impl FnOnce() -> Result<T, FitError>) -> anyhow::Result<f64> {
-    let status = Path::new("/proc/self/status");
-    // forgets the peak so far
-    std::fs::write("/proc/self/clear_refs", "5").context("Linux, with /proc/self/clear_refs")?;
-    work()?;
-    let text = std::fs::read_to_string(status)?;
-    let line = text.lines().find_map(|line| line.strip_prefix("VmHWM:"));
-    let words = line.and_then(|line| line.split_whitespace().next());
-    let kilobytes: f64 = words.context("no VmHWM in /proc/self/status")?.parse()?;
-    Ok(1024.0 * kilobytes)
+/// The most memory that a process held which did this work, bytes: this program itself, called with `work` and `readings`.
+fn peak(work: &str, readings: usize) -> anyhow::Result<f64> {
+    let itself = std::env::current_exe()?;
+    let output = process::Command::new(itself)
+        .args([work, &readings.to_string()])
+        .output()?;
+    ensure!(
+        output.status.success(),
+        "{work} of {readings} readings failed"
+    );
+    Ok(String::from_utf8(output.stdout)?.trim().parse()?)
 }
 
-/// Memory by the number of readings: on all threads, the campaign itself in it.
+/// What `peak` calls: does some work and prints the most memory that was held, bytes. Linux only.
+fn work(work: &str, readings: usize) -> anyhow::Result<()> {
+    let campaign = campaign(&Scenario::load(&file("scenarios/large.toml"))?, readings)?;
+    let model = model_file::model(&campaign, None, None)?;
+    match work {
+        "fit" => drop(fit(&campaign, &model, &OPTIONS, |_| {})?),
+        _ => drop(diagnose(&campaign, &model, &[], &OPTIONS, |_| {})?),
+    }
+    let status = std::fs::read_to_string("/proc/self/status").context("Linux, with /proc")?;
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let words = line.and_then(|line| line.split_whitespace().next());
+    let kilobytes: f64 = words.context("no VmHWM in /proc/self/status")?.parse()?;
+    println!("{}", 1024.0 * kilobytes);
+    Ok(())
+}
+
+/// Memory by the number of readings, on all threads.
 fn memory() -> anyhow::Result<()> {
     println!(
-        "\n## Memory\n\nThe most that a process holds, the campaign itself in it: the arm of `scenarios/large.toml`, default \
-         model, and the same diagnosed, without cross-validation.\n"
+        "\n## Memory\n\nThe most that a process holds, the campaign itself in it: the arm of `scenarios/large.toml`, \
+         poses and wrenches, default model; and the same diagnosed. Both without cross-validation.\n"
     );
-    println!("| readings | fit | diagnose | a reading more |\n|---|---|---|---|");
-    let scenario = Scenario::load(&file("scenarios/large.toml"))?;
+    println!("| readings | fit | diagnosis | each reading more |\n|---|---|---|---|");
     let mut before: Option<(usize, [f64; 2])> = None;
     for readings in [6_000, 12_000, 50_000, 100_000] {
-        let campaign = campaign(&scenario, readings)?;
-        let model = model_file::model(&campaign, None, None)?;
-        let fitting = peak(|| fit(&campaign, &model, &OPTIONS, |_| {}))?;
-        let diagnosing = peak(|| diagnose(&campaign, &model, &[], &OPTIONS, |_| {}))?;
-        let now = [fitting, diagnosing];
+        let now = [peak("fit", readings)?, peak("diagnose", readings)?];
         let each = before.map(|(fewer, then)| {
-            let more = (readings - fewer) as f64;
-            let each = |k: usize| format!("{:.0}", 1e-3 * (now[k] - then[k]) / more);
-            format!("{}, {} kB", each(0), each(1))
+            let each = |k: usize| 1e-3 * (now[k] - then[k]) / (readings - fewer) as f64;
+            format!("{:.1}, {:.0} kB", each(0), each(1))
         });
         let each = each.unwrap_or_else(|| "—".to_owned());
         let [fitting, diagnosing] = now.map(|bytes| format!("{:.0} MB", 1e-6 * bytes));
@@ -338,6 +349,10 @@ fn memory() -> anyhow::Result<()> {
 }
 
 fn main() -> anyhow::Result<()> {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    if let [name, readings] = &words[..] {
+        return work(name, readings.parse()?);
+    }
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     one.install(|| {
         println!(

@@ -41,9 +41,9 @@ use std::sync::Arc;
 /// Families whose expected λ at typical size is below this are invisible to a campaign.
 pub const VISIBLE: f64 = 9.0;
 /// Numbers that tests look at, at most: rows of all readings by columns of all effects.
-const LARGEST: usize = 400_000_000;
-/// Memory that a diagnosis takes for each of them, bytes (5.4 GB for 100,000 readings of 6 rows and 254 columns).
-const BYTES: usize = 36;
+const LARGEST: usize = 600_000_000;
+/// Memory that a diagnosis takes for each of them, bytes (5.7 GB for 100,000 readings of 12 rows and 257 columns).
+const BYTES: usize = 18;
 /// Probability of any false alarm in one round of tests.
 const ALARM: f64 = 1e-3;
 /// Families this near to the best, in nats, are its aliases.
