@@ -257,7 +257,7 @@ impl Sums {
 
 /// Positions alone: rotation and places in turns, from many starts.
 fn from_positions(sums: &Sums) -> Rotation3<f64> {
-    /// Rounds from one start; each takes about a microsecond.
+    /// Rounds from one start at most; each is a few products of small matrices.
     const ROUNDS: usize = 40;
     let starts = sums.linear_rotation().into_iter().chain(cube_rotations());
     let reached = starts.map(|start| {
