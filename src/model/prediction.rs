@@ -76,7 +76,7 @@ impl Workspace {
         }
     }
 
-    /// The equilibrium of the reading last predicted, deviations by [`Slots`] in rad, m, kg, N·m: a place from where to seek
+    /// The equilibrium of the reading last predicted, deviations by [`Slots`](crate::posture::Slots) in rad, m, kg, N·m: a place from where to seek
     /// one near to it.
     pub fn deviations(&self) -> &[f64] {
         &self.deviations
