@@ -2,7 +2,8 @@
 
 use super::noise::Whitener;
 use super::residuals::{Errors, residuals, summarise};
-use super::{CampaignProblem, Fit, alike, solve, start_values};
+use super::solve::{self, Linear, Problem};
+use super::{CampaignProblem, Fit, alike, start_values};
 use crate::campaign::{Campaign, Reading};
 use crate::model::Row;
 use rayon::prelude::*;
@@ -30,6 +31,33 @@ pub fn folds(readings: &[&Reading]) -> (Vec<usize>, usize) {
     (poses.into_iter().map(|pose| pose % FOLDS).collect(), count)
 }
 
+/// The problem of the poses that are kept, which is known at a point.
+struct Fold<'a> {
+    problem: CampaignProblem<'a>,
+    known: Option<(&'a [f64], Linear)>,
+}
+
+impl Problem for Fold<'_> {
+    fn linearise(&self, p: &[f64]) -> Linear {
+        match &self.known {
+            Some((place, linear)) if *place == p => linear.clone(),
+            _ => self.problem.linearise(p),
+        }
+    }
+
+    fn scale(&self) -> &[f64] {
+        self.problem.scale()
+    }
+
+    fn bounds(&self) -> &[(f64, f64)] {
+        self.problem.bounds()
+    }
+
+    fn prior(&self) -> f64 {
+        self.problem.prior()
+    }
+}
+
 /// Errors of poses left out a fifth at a time, none with too few poses; and how many of those fits did not
 /// converge.
 pub(super) fn cross_validated(
@@ -43,28 +71,41 @@ pub(super) fn cross_validated(
         return None;
     }
     let model = &fit.model;
-    let of_fold = |fold: usize| {
-        let inside = |keep: bool| -> Vec<usize> {
-            (0..readings.len())
-                .filter(|&i| (folds[i] != fold) == keep)
-                .collect()
+    let of_free = |p: &[f64]| -> Vec<f64> { fit.free.iter().map(|&k| p[k]).collect() };
+    let indices = |wanted: &dyn Fn(usize) -> bool| -> Vec<usize> {
+        (0..readings.len()).filter(|&i| wanted(folds[i])).collect()
+    };
+    let parts = |indices: &[usize]| -> (Vec<&Reading>, Vec<Whitener>) {
+        let part = indices.iter().map(|&i| (readings[i], whiteners[i].clone()));
+        part.unzip()
+    };
+    // where the fit of all ended, all folds begin: the rows of each are computed there once
+    let ended = fit.converged.then(|| {
+        let begin = of_free(&fit.values);
+        let of_fold = |fold: usize| {
+            let (part, whiteners) = parts(&indices(&|own| own == fold));
+            CampaignProblem::new(model, &part, &whiteners, &fit.free, &fit.values).linearise(&begin)
         };
-        let (kept, out) = (inside(true), inside(false));
-        let part: Vec<&Reading> = kept.iter().map(|&i| readings[i]).collect();
-        let whiteners: Vec<Whitener> = kept.iter().map(|&i| whiteners[i].clone()).collect();
+        let folds: Vec<Linear> = (0..FOLDS).into_par_iter().map(of_fold).collect();
+        (begin, folds)
+    });
+    let of_fold = |fold: usize| {
+        let (kept, out) = (indices(&|own| own != fold), indices(&|own| own == fold));
+        let (part, whiteners) = parts(&kept);
         // the prior is about frames that know nothing of the fold left out, and decides where the fit ends; the
         // first step may begin near it
         let start = start_values(campaign, model, &part);
-        let problem = CampaignProblem::new(model, &part, &whiteners, &fit.free, &start);
-        let of_free = |p: &[f64]| -> Vec<f64> { fit.free.iter().map(|&k| p[k]).collect() };
         let centre = of_free(&start);
-        let begin = if fit.converged {
-            of_free(&fit.values)
-        } else {
-            centre.clone()
+        let problem = Fold {
+            problem: CampaignProblem::new(model, &part, &whiteners, &fit.free, &start),
+            known: ended.as_ref().map(|(begin, folds)| {
+                let others = folds.iter().enumerate().filter(|(own, _)| *own != fold);
+                (&begin[..], Linear::joined(others.map(|(_, linear)| linear)))
+            }),
         };
-        let found = solve::solve(&problem, &begin, &centre, |_, _| {});
-        let p = problem.full(&found.p);
+        let begin = ended.as_ref().map_or(&centre, |(begin, _)| begin);
+        let found = solve::solve(&problem, begin, &centre, |_, _| {});
+        let p = problem.problem.full(&found.p);
         let tested: Vec<&Reading> = out.iter().map(|&i| readings[i]).collect();
         let rows: Vec<(usize, Row)> = out.into_iter().zip(residuals(model, &p, &tested)).collect();
         (found.converged, rows)

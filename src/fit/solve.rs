@@ -49,6 +49,21 @@ impl Linear {
     pub fn cost(&self) -> f64 {
         self.right.norm_squared() + self.rest
     }
+
+    /// The problem of all rows that these problems of the same parameters have together, at one point.
+    pub fn joined<'a>(parts: impl Iterator<Item = &'a Linear> + Clone) -> Linear {
+        let block = |part: &Linear| {
+            let (rows, columns) = part.factor.shape();
+            let mut block = DMatrix::zeros(rows, columns + 1);
+            block.columns_mut(0, columns).copy_from(&part.factor);
+            block.column_mut(columns).copy_from(&part.right);
+            block
+        };
+        let columns = parts.clone().next().map_or(0, |part| part.factor.ncols());
+        let mut joined = reduce(parts.clone().map(block).collect(), columns);
+        joined.rest += parts.map(|part| part.rest).sum::<f64>();
+        joined
+    }
 }
 
 /// What is minimised.
