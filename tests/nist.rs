@@ -132,11 +132,10 @@ fn model<D: DualNum<f64> + Copy>(name: &str, b: &[D], row: &[f64]) -> (f64, D) {
 struct Regression<'a> {
     data: &'a Dataset,
     scale: Vec<f64>,
-    bounds: Vec<(f64, f64)>,
 }
 
-impl Problem for Regression<'_> {
-    fn linearise(&self, p: &[f64]) -> Linear {
+impl Regression<'_> {
+    fn rows(&self, p: &[f64]) -> Vec<DMatrix<f64>> {
         let n = p.len();
         let dual = |(k, &value): (usize, &f64)| {
             let mut rates = SVector::<f64, MOST>::zeros();
@@ -160,7 +159,30 @@ impl Problem for Regression<'_> {
         };
         let half = self.data.rows.len() / 2;
         let (above, below) = self.data.rows.split_at(half);
-        solve::reduce(vec![block(above), block(below)], n)
+        vec![block(above), block(below)]
+    }
+}
+
+/// Rows `[J | r]` at a point, without bounds and without a prior.
+struct Free<F> {
+    rows: F,
+    scale: Vec<f64>,
+    bounds: Vec<(f64, f64)>,
+}
+
+impl<F: Fn(&[f64]) -> Vec<DMatrix<f64>> + Sync> Free<F> {
+    fn new(scale: &[f64], rows: F) -> Self {
+        Self {
+            rows,
+            scale: scale.to_vec(),
+            bounds: vec![(f64::NEG_INFINITY, f64::INFINITY); scale.len()],
+        }
+    }
+}
+
+impl<F: Fn(&[f64]) -> Vec<DMatrix<f64>> + Sync> Problem for Free<F> {
+    fn linearise(&self, p: &[f64]) -> Linear {
+        solve::reduce((self.rows)(p), p.len())
     }
 
     fn scale(&self) -> &[f64] {
@@ -197,11 +219,11 @@ fn certified_regressions_are_found() {
     for name in SETS {
         let data = read(name);
         for (place, start) in data.starts.iter().enumerate() {
-            let problem = Regression {
+            let regression = Regression {
                 data: &data,
                 scale: start.iter().map(|x| x.abs()).collect(),
-                bounds: vec![(f64::NEG_INFINITY, f64::INFINITY); start.len()],
             };
+            let problem = Free::new(&regression.scale, |p| regression.rows(p));
             let found = solve::solve(&problem, start, start, |_, _| {});
             let pairs = || found.p.iter().zip(&data.certified);
             let worst = pairs()
@@ -245,7 +267,6 @@ struct LinearRegression {
     /// Of the residual; 1 where it is nothing.
     deviation: f64,
     scale: Vec<f64>,
-    bounds: Vec<(f64, f64)>,
 }
 
 impl LinearRegression {
@@ -285,14 +306,13 @@ impl LinearRegression {
             scale: scale
                 .map(|(k, (value, _))| value.abs() * stretch(k))
                 .collect(),
-            bounds: vec![(f64::NEG_INFINITY, f64::INFINITY); certified.len()],
             certified,
         }
     }
 }
 
-impl Problem for LinearRegression {
-    fn linearise(&self, p: &[f64]) -> Linear {
+impl LinearRegression {
+    fn rows(&self, p: &[f64]) -> DMatrix<f64> {
         let (rows, n) = self.columns.shape();
         let mut block = DMatrix::zeros(rows, n + 1);
         for i in 0..rows {
@@ -303,40 +323,29 @@ impl Problem for LinearRegression {
             }
             block[(i, n)] = left / self.deviation;
         }
-        solve::reduce(vec![block], n)
-    }
-
-    fn scale(&self) -> &[f64] {
-        &self.scale
-    }
-
-    fn bounds(&self) -> &[(f64, f64)] {
-        &self.bounds
-    }
-
-    fn prior(&self) -> f64 {
-        0.0
+        block
     }
 }
 
 #[test]
 fn badly_scaled_and_nearly_aliased_regressions_are_found_or_said_not_to_be_fixed() {
-    // digits that are asked for where typical sizes are right: columns of Filip are alike to 1e-15, those of the others to
-    // 1e-7 and less
+    // digits that are asked for where typical sizes are right, and whether they are also where sizes are wrong; the design of
+    // Filip has a condition number of 1.8e15, those of Wampler's of 6e6
     let sets = [
-        ("Longley", 10.0),
-        ("Wampler1", 9.0),
-        ("Wampler2", 10.0),
-        ("Wampler5", 5.0),
-        ("Filip", 6.0),
+        ("Longley", 10.0, true),
+        ("Wampler1", 9.0, false),
+        ("Wampler2", 10.0, true),
+        ("Wampler5", 5.0, false),
+        ("Filip", 6.0, false),
     ];
-    for (name, enough) in sets {
+    for (name, enough, always) in sets {
         // typical sizes a thousand times too large and too small, by turns
         for stretch in [1.0, 1e3, 1e-3] {
-            let problem = LinearRegression::read(name, |k| f64::powi(stretch, k as i32 % 3 - 1));
-            let start = vec![0.0; problem.certified.len()];
+            let data = LinearRegression::read(name, |k| f64::powi(stretch, k as i32 % 3 - 1));
+            let problem = Free::new(&data.scale, |p| vec![data.rows(p)]);
+            let start = vec![0.0; data.certified.len()];
             let found = solve::solve(&problem, &start, &start, |_, _| {});
-            let pairs = found.p.iter().zip(&problem.certified);
+            let pairs = found.p.iter().zip(&data.certified);
             let worst = pairs.map(|(&p, &(c, _))| digits(p, c)).fold(11.0, f64::min);
             let rank = solve::Spectrum::of(found.linear.factor.clone()).rank;
             let line = format!(
@@ -344,7 +353,7 @@ fn badly_scaled_and_nearly_aliased_regressions_are_found_or_said_not_to_be_fixed
                 start.len()
             );
             println!("{line}");
-            if stretch == 1.0 {
+            if stretch == 1.0 || always {
                 assert!(found.converged && worst >= enough, "{line}");
             } else {
                 assert!(worst >= enough || rank < start.len(), "{line}");
