@@ -10,6 +10,7 @@ use misfit::effects::{self, table::MOST_EFFECTS};
 use misfit::fit::{self, Options};
 use misfit::formula::Formula;
 use misfit::input::{InputError, LARGEST_TABLE, LARGEST_TOML, LARGEST_URDF};
+use misfit::ladder;
 use misfit::model_file;
 use misfit::recording::{self, Beside, RecordingError, read_bag, read_recording};
 use misfit::robot::{Robot, RobotError};
@@ -324,16 +325,17 @@ fn a_diagnosis_that_would_fill_the_memory_is_refused() {
     let options = Options {
         cross_validate: false,
     };
-    let refused = soon(|| diagnose(&campaign, &model, &own, &options, |_| {}));
-    says(
-        &refused.unwrap_err(),
-        &[
-            "readings of up to 500",
-            "GB of memory",
-            "accepted: about",
-            "split",
-        ],
-    );
+    let parts = [
+        "readings of up to 500",
+        "GB of memory",
+        "accepted: about",
+        "split",
+    ];
+    let early = |step: &str| panic!("{step} before the size is looked at");
+    let refused = diagnose(&campaign, &model, &own, &options, early);
+    says(&refused.unwrap_err(), &parts);
+    let refused = ladder::climb(&campaign, None, &own, None, &options, early);
+    says(&refused.unwrap_err(), &parts);
 }
 
 // ---- depths and numbers

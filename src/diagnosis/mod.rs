@@ -416,7 +416,7 @@ pub fn diagnose_until(
 }
 
 /// Refuses what would fill the memory, before anything is computed.
-fn check_size(
+pub(crate) fn check_size(
     campaign: &Campaign,
     model: &Model,
     own: &[Arc<dyn AnyEffect>],
