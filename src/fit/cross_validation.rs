@@ -12,6 +12,9 @@ use rayon::prelude::*;
 pub const FOLDS: usize = 5;
 /// Below this many poses no cross-validation: a fold would be a pose or two.
 const FEWEST_POSES: usize = 10;
+/// Of many readings the linear problem says what a fold's fit leaves of the poses left out: it is believed where the model
+/// agrees with the sum of squares to this share of it.
+const STRAIGHT: f64 = 1e-4;
 
 /// Label of a reading's pose for grouping: its own, or its encoder angles.
 pub fn pose_key(reading: &Reading) -> (String, Vec<u64>) {
@@ -80,35 +83,63 @@ pub(super) fn cross_validated(
         part.unzip()
     };
     // where the fit of all ended, all folds begin: the rows of each are computed there once
-    let ended = fit.converged.then(|| {
-        let begin = of_free(&fit.values);
-        let of_fold = |fold: usize| {
-            let (part, whiteners) = parts(&indices(&|own| own == fold));
-            CampaignProblem::new(model, &part, &whiteners, &fit.free, &fit.values).linearise(&begin)
-        };
-        let folds: Vec<Linear> = (0..FOLDS).into_par_iter().map(of_fold).collect();
-        (begin, folds)
-    });
+    let many = fit
+        .folds
+        .as_ref()
+        .filter(|_| fit.converged && fit.readings.0 == readings.len());
+    let ended = match many {
+        Some((before, folds)) => Some((before.clone(), folds.clone())),
+        None => fit.converged.then(|| {
+            let begin = of_free(&fit.values);
+            let of_fold = |fold: usize| {
+                let (part, whiteners) = parts(&indices(&|own| own == fold));
+                CampaignProblem::new(model, &part, &whiteners, &fit.free, &fit.values)
+                    .linearise(&begin)
+            };
+            let folds: Vec<Linear> = (0..FOLDS).into_par_iter().map(of_fold).collect();
+            (begin, folds)
+        }),
+    };
     let of_fold = |fold: usize| {
         let (kept, out) = (indices(&|own| own != fold), indices(&|own| own == fold));
-        let (part, whiteners) = parts(&kept);
+        let (part, of_part) = parts(&kept);
         // the prior is about frames that know nothing of the fold left out, and decides where the fit ends; the
         // first step may begin near it
         let start = start_values(campaign, model, &part);
         let centre = of_free(&start);
         let problem = Fold {
-            problem: CampaignProblem::new(model, &part, &whiteners, &fit.free, &start),
+            problem: CampaignProblem::new(model, &part, &of_part, &fit.free, &start),
             known: ended.as_ref().map(|(begin, folds)| {
                 let others = folds.iter().enumerate().filter(|(own, _)| *own != fold);
                 (&begin[..], Linear::joined(others.map(|(_, linear)| linear)))
             }),
         };
-        let begin = ended.as_ref().map_or(&centre, |(begin, _)| begin);
-        let found = solve::solve(&problem, begin, &centre, |_, _| {});
-        let p = problem.problem.full(&found.p);
         let tested: Vec<&Reading> = out.iter().map(|&i| readings[i]).collect();
-        let rows: Vec<(usize, Row)> = out.into_iter().zip(residuals(model, &p, &tested)).collect();
-        (found.converged, rows)
+        let left = |p: &[f64]| residuals(model, &problem.problem.full(p), &tested);
+        // of many readings a fifth moves the estimates so little that one step does
+        let one_step = || {
+            let (begin, folds) = many?;
+            let (_, linear) = problem.known.as_ref()?;
+            let (next, step) = solve::full_step(&problem, linear, begin, &centre);
+            let expected = folds[fold].cost_after(&step);
+            let seen_to = |p: &[f64]| {
+                let rows = left(p);
+                let squares = rows.iter().zip(&out);
+                let squares: f64 = squares.map(|(row, &i)| whiteners[i].squares(row)).sum();
+                ((squares - expected).abs() < STRAIGHT * expected).then_some((true, rows))
+            };
+            seen_to(&next).or_else(|| {
+                let problem = &problem.problem;
+                seen_to(&problem.straightened(begin, &step, &next)?)
+            })
+        };
+        let (converged, rows) = one_step().unwrap_or_else(|| {
+            let begin = ended.as_ref().map_or(&centre, |(begin, _)| begin);
+            let found = solve::solve(&problem, begin, &centre, |_, _| {});
+            (found.converged, left(&found.p))
+        });
+        let rows: Vec<(usize, Row)> = out.into_iter().zip(rows).collect();
+        (converged, rows)
     };
     let mut stopped = 0;
     let mut left = vec![Row::zeros(); readings.len()];

@@ -154,6 +154,8 @@ pub struct Fit {
     pub iterations: usize,
     /// Sum of squares of the whitened misfit, prior included, at each step.
     pub costs: Vec<f64>,
+    /// Where the last step began, and the problem of each fold there; kept where there are many readings.
+    folds: Option<(Vec<f64>, Vec<solve::Linear>)>,
 }
 
 impl Fit {
@@ -511,12 +513,18 @@ fn estimate(
             whiteners = noise::whiteners(model, &p, readings, &shape);
         }
     }
+    // with none held out the folds of the cross-validation begin where the fit ends
+    let of_fold = match campaign.readings.len() == readings.len() {
+        true => folds(readings).0,
+        false => Vec::new(),
+    };
     let mut solution = None;
     let mut dof = None;
     let mut steps = 0;
     let mut costs = Vec::new();
     for round in 0..rounds {
-        let problem = CampaignProblem::new(model, readings, &whiteners, &free, &p);
+        let problem =
+            CampaignProblem::new(model, readings, &whiteners, &free, &p).in_folds(&of_fold);
         let mut begin: Vec<f64> = free.iter().map(|&k| p[k]).collect();
         if source != Source::Residual {
             begin = problem.ahead(begin, &centre);
@@ -557,8 +565,10 @@ fn estimate(
     solution.iterations = steps;
     if source == Source::Residual {
         // the factor belongs to the noise sizes of the round before
-        let problem = CampaignProblem::new(model, readings, &whiteners, &free, &p);
+        let problem =
+            CampaignProblem::new(model, readings, &whiteners, &free, &p).in_folds(&of_fold);
         solution.linear = problem.linearise(&solution.p);
+        solution.before = solution.p.clone();
     }
     let pure_factor = match (source, campaign.noise, replicates) {
         (Source::Replicates, Some(_), Some(pure)) => {
@@ -653,5 +663,7 @@ fn finish(
         converged: estimate.solution.converged,
         iterations: estimate.solution.iterations,
         costs: estimate.costs,
+        folds: Some((estimate.solution.before, estimate.solution.linear.folds))
+            .filter(|(_, folds)| !folds.is_empty()),
     }
 }

@@ -3,6 +3,7 @@
 //! A model's answer to repeats is computed once. Where the fit needs only what all rows say together, repeats are added up.
 
 use super::alike::Alike;
+use super::cross_validation::FOLDS;
 use super::noise::Whitener;
 use super::residuals::residual;
 use super::solve::{self, Linear, Problem};
@@ -10,9 +11,9 @@ use super::triangle::triangle;
 use crate::campaign::Reading;
 use crate::dual_quaternion::rotation_vector;
 use crate::model::{Model, Row, Rows, Workspace, right_jacobian_inverse, stacked};
-use nalgebra::{DMatrix, Matrix6, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
 use rayon::prelude::*;
-use std::ops::Range;
+use std::ops::{Range, SubAssign};
 use std::sync::{Mutex, PoisonError};
 
 /// Readings a block: large enough to amortise a QR factorisation, fixed so that sums do not depend on threads.
@@ -37,8 +38,12 @@ pub struct CampaignProblem<'a> {
     equilibria: Vec<Mutex<Vec<f64>>>,
     /// By groups: may their readings be added up?
     sums: Vec<bool>,
-    /// Ranges of groups, of some [`BLOCK`] readings or sums each.
+    /// Groups in the order in which their rows are added up.
+    order: Vec<usize>,
+    /// Ranges of that order, of some [`BLOCK`] readings or sums each.
     parts: Vec<Range<usize>>,
+    /// Numbers of the parts of each fold, where they are told apart.
+    folds: Vec<usize>,
 }
 
 impl<'a> CampaignProblem<'a> {
@@ -61,23 +66,14 @@ impl<'a> CampaignProblem<'a> {
         let groups = alike.groups.par_iter();
         let sums = groups.map(|group| may_be_summed(readings, whiteners, group));
         let sums: Vec<bool> = sums.collect();
-        let mut parts: Vec<Range<usize>> = Vec::new();
-        let mut count = BLOCK;
-        for (index, group) in alike.groups.iter().enumerate() {
-            if count >= BLOCK {
-                parts.push(index..index);
-                count = 0;
-            }
-            count += if sums[index] { 1 } else { group.len() };
-            if let Some(part) = parts.last_mut() {
-                part.end = index + 1;
-            }
-        }
-        Self {
+        let order = (0..alike.groups.len()).collect();
+        let mut problem = Self {
             equilibria,
             alike,
             sums,
-            parts,
+            order,
+            parts: Vec::new(),
+            folds: Vec::new(),
             model,
             readings,
             whiteners,
@@ -89,7 +85,58 @@ impl<'a> CampaignProblem<'a> {
                 .iter()
                 .map(|&k| (parameters[k].lower, parameters[k].upper))
                 .collect(),
+        };
+        problem.parts = problem.parted(0..problem.order.len());
+        problem
+    }
+
+    /// The same with each fold's part of the problem beside the whole, by the fold of each reading; as it was where there are
+    /// no folds, few readings, or some of several folds that are alike.
+    pub(super) fn in_folds(mut self, of: &[usize]) -> Self {
+        let groups = &self.alike.groups;
+        if of.is_empty() || groups.len() < MANY {
+            return self;
         }
+        let fold = |group: usize| of[groups[group][0]];
+        if groups
+            .iter()
+            .flatten()
+            .any(|&i| of[i] != fold(self.alike.group_of[i]))
+        {
+            return self;
+        }
+        let mut order = self.order.clone();
+        order.sort_by_key(|&group| fold(group));
+        let first = |number| order.partition_point(|&group| fold(group) < number);
+        let ranges: Vec<Range<usize>> = (0..FOLDS).map(|k| first(k)..first(k + 1)).collect();
+        self.order = order;
+        let parts: Vec<Vec<Range<usize>>> =
+            ranges.into_iter().map(|own| self.parted(own)).collect();
+        self.folds = parts.iter().map(Vec::len).collect();
+        self.parts = parts.into_iter().flatten().collect();
+        self
+    }
+
+    /// A range of groups in ranges of some [`BLOCK`] readings or sums each.
+    fn parted(&self, range: Range<usize>) -> Vec<Range<usize>> {
+        let mut parts: Vec<Range<usize>> = Vec::new();
+        let mut count = BLOCK;
+        for place in range {
+            if count >= BLOCK {
+                parts.push(place..place);
+                count = 0;
+            }
+            let group = self.order[place];
+            count += if self.sums[group] {
+                1
+            } else {
+                self.alike.groups[group].len()
+            };
+            if let Some(part) = parts.last_mut() {
+                part.end = place + 1;
+            }
+        }
+        parts
     }
 
     /// All parameters, the free ones from `p`, SI.
@@ -141,21 +188,47 @@ impl<'a> CampaignProblem<'a> {
             .collect()
     }
 
+    /// Some of the readings, if there are many that are not alike, and their whitening.
+    fn some(&self) -> Option<(Vec<&'a Reading>, Vec<Whitener>)> {
+        let groups = &self.alike.groups;
+        let some = groups.iter().step_by(ONE_IN).flatten();
+        let pairs = some.map(|&index| (self.readings[index], self.whiteners[index].clone()));
+        (groups.len() >= MANY).then(|| pairs.unzip())
+    }
+
     /// Where a fit of some of the readings ends, from where that of all has a step or two to go; the beginning if they are
     /// few, or if it does not converge.
     pub(super) fn ahead(&self, begin: Vec<f64>, centre: &[f64]) -> Vec<f64> {
-        let groups = &self.alike.groups;
-        if groups.len() < MANY {
+        let Some((readings, whiteners)) = self.some() else {
             return begin;
-        }
-        let some = groups.iter().step_by(ONE_IN).flatten();
-        let (readings, whiteners): (Vec<&Reading>, Vec<Whitener>) = some
-            .map(|&index| (self.readings[index], self.whiteners[index].clone()))
-            .unzip();
+        };
         let (model, free, held) = (self.model, self.free, self.held);
         let part = CampaignProblem::new(model, &readings, &whiteners, free, held);
         let found = solve::solve(&part, &begin, centre, |_, _| {});
         if found.converged { found.p } else { begin }
+    }
+
+    /// Where the model predicts what it would after a step (typical sizes) from `begin` were it linear there, near `next`,
+    /// where that leads; none if the readings are few. What hardly shows in them may change much in a step, and then bend
+    /// all else.
+    pub(super) fn straightened(
+        &self,
+        begin: &[f64],
+        step: &DVector<f64>,
+        next: &[f64],
+    ) -> Option<Vec<f64>> {
+        let (readings, whiteners) = self.some()?;
+        let (model, free, held) = (self.model, self.free, self.held);
+        let part = CampaignProblem::new(model, &readings, &whiteners, free, held);
+        let n = self.free.len();
+        let pairs = part.blocks(begin).into_iter().zip(part.blocks(next));
+        let bent = pairs.map(|(before, mut after)| {
+            let wanted = before.columns(0, n) * step + before.column(n);
+            after.column_mut(n).sub_assign(&wanted);
+            after
+        });
+        let linear = solve::reduce(bent.map(triangle).collect(), n);
+        Some(solve::full_step(&part, &linear, next, next).0)
     }
 }
 
@@ -164,7 +237,7 @@ impl Problem for CampaignProblem<'_> {
         // each group has its one place here, whatever the threads: so it may begin where it ended last
         let known = (!self.equilibria.is_empty()).then_some(&self.equilibria[..]);
         let found = self.map_blocks(p, self.parts.len(), |part, place| {
-            let groups = self.parts[part].clone().map(|index| {
+            let groups = self.order[self.parts[part].clone()].iter().map(|&index| {
                 let group = &self.alike.groups[index][..];
                 let together = if self.sums[index] { group.len() } else { 1 };
                 (group, together)
@@ -172,10 +245,22 @@ impl Problem for CampaignProblem<'_> {
             let (block, lacking) = place.block(groups, known, false);
             (triangle(block), lacking)
         });
-        let (blocks, lacking): (Vec<_>, Vec<f64>) = found.into_iter().unzip();
-        let mut linear = solve::reduce(blocks, self.free.len());
-        linear.rest += lacking.iter().sum::<f64>();
-        linear
+        let mut found = found.into_iter();
+        let mut reduced = |count: usize| {
+            let found = found.by_ref().take(count);
+            let (blocks, lacking): (Vec<_>, Vec<f64>) = found.unzip();
+            let mut linear = solve::reduce(blocks, self.free.len());
+            linear.rest += lacking.iter().sum::<f64>();
+            linear
+        };
+        if self.folds.is_empty() {
+            return reduced(self.parts.len());
+        }
+        let folds: Vec<Linear> = self.folds.iter().map(|&count| reduced(count)).collect();
+        Linear {
+            folds: folds.clone(),
+            ..Linear::joined(folds.iter())
+        }
     }
 
     fn scale(&self) -> &[f64] {

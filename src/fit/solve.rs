@@ -42,12 +42,19 @@ pub struct Linear {
     pub right: DVector<f64>,
     /// What no step can lower.
     pub rest: f64,
+    /// The same of the folds that it is made of, if it was asked for.
+    pub folds: Vec<Linear>,
 }
 
 impl Linear {
     /// ‖r‖².
     pub fn cost(&self) -> f64 {
         self.right.norm_squared() + self.rest
+    }
+
+    /// The same after a step, in typical sizes, if the problem is linear.
+    pub fn cost_after(&self, step: &DVector<f64>) -> f64 {
+        (&self.factor * step + &self.right).norm_squared() + self.rest
     }
 
     /// The problem of all rows that these problems of the same parameters have together, at one point.
@@ -83,6 +90,8 @@ pub trait Problem: Sync {
 pub struct Solution {
     /// Parameters.
     pub p: Vec<f64>,
+    /// Where the last step began.
+    pub before: Vec<f64>,
     /// The problem there.
     pub linear: Linear,
     /// Parameters held by a bound.
@@ -116,11 +125,9 @@ pub fn solve(
         let cost = whole.cost();
         on_step(iteration, cost);
         if !cost.is_finite() {
-            return stop(problem, p, linear, false, iteration);
+            return stop(problem, (p.clone(), p), linear, false, iteration);
         }
-        let gain_of = |step: &DVector<f64>| {
-            cost - (&whole.factor * step + &whole.right).norm_squared() - whole.rest
-        };
+        let gain_of = |step: &DVector<f64>| cost - whole.cost_after(step);
         let mut accepted = None;
         for _ in 0..DAMPINGS {
             let step = bounded_step(problem, &whole, &p, damping);
@@ -133,7 +140,7 @@ pub fn solve(
                 _ => gain,
             };
             if damping == 0.0 && (after < SMALL_STEP.powi(2) || after < SMALL_GAIN * cost) {
-                return stop(problem, next, linear, true, iteration);
+                return stop(problem, (p, next), linear, true, iteration);
             }
             // most steps are taken, and the next one begins with this
             let there = problem.linearise(&next);
@@ -162,11 +169,24 @@ pub fn solve(
             // no step lowers the cost: as low as rounding lets it be, or stuck
             None => {
                 let gain = gain_of(&bounded_step(problem, &whole, &p, 0.0));
-                return stop(problem, p, linear, gain < 1e-6 * (1.0 + cost), iteration);
+                let low = gain < 1e-6 * (1.0 + cost);
+                return stop(problem, (p.clone(), p), linear, low, iteration);
             }
         }
     }
-    stop(problem, p, linear, false, ITERATIONS)
+    stop(problem, (p.clone(), p), linear, false, ITERATIONS)
+}
+
+/// Where a full step leads from `p`, at which the problem is `linear`; and the step, in typical sizes.
+pub fn full_step(
+    problem: &dyn Problem,
+    linear: &Linear,
+    p: &[f64],
+    centre: &[f64],
+) -> (Vec<f64>, DVector<f64>) {
+    let whole = with_prior(problem, linear, p, centre);
+    let step = bounded_step(problem, &whole, p, 0.0);
+    (moved(problem, p, &step), step)
 }
 
 /// One more full step from where one went up instead of down, if both together go down: along a curved valley the first
@@ -182,7 +202,7 @@ fn corrected(
 ) -> Option<(Vec<f64>, Linear)> {
     let whole = with_prior(problem, linear, p, centre);
     let step = bounded_step(problem, &whole, p, 0.0);
-    let expected = (&whole.factor * &step + &whole.right).norm_squared() + whole.rest;
+    let expected = whole.cost_after(&step);
     if expected.is_nan() || expected >= cost {
         return None;
     }
@@ -222,7 +242,7 @@ fn with_prior(problem: &dyn Problem, linear: &Linear, p: &[f64], centre: &[f64])
 
 fn stop(
     problem: &dyn Problem,
-    p: Vec<f64>,
+    (before, p): (Vec<f64>, Vec<f64>),
     linear: Linear,
     converged: bool,
     iterations: usize,
@@ -234,6 +254,7 @@ fn stop(
         .collect();
     Solution {
         p,
+        before,
         linear,
         at_bound,
         converged,
@@ -402,6 +423,7 @@ pub fn reduce(mut blocks: Vec<DMatrix<f64>>, columns: usize) -> Linear {
             .column(0)
             .into_owned(),
         rest,
+        folds: Vec::new(),
     }
 }
 
