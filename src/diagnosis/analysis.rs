@@ -74,7 +74,8 @@ pub(super) fn analyse(
     with_waves: bool,
 ) -> Analysis {
     let readings = fitted(campaign);
-    let whiteners = noise::whiteners(&fit.model, &fit.values, &readings, &fit.noise.shape);
+    let answers = motion::answers(fit, &readings);
+    let whiteners = noise::whiteners_of(&answers.0, &readings, &fit.noise.shape);
     let effects = lacking(&fit.model, own);
     let (mut families, mut blocks) = columns(fit, &effects, &readings, &whiteners);
     let base = fit.free.len();
@@ -86,7 +87,7 @@ pub(super) fn analyse(
         family.trials = (forms as f64).ln();
     }
     let mut gram = Gram::new(&blocks, base);
-    let motions = motion::motions(fit, &readings, &whiteners);
+    let motions = motion::motions(fit, answers, &whiteners);
     let mut waves = Vec::new();
     if with_waves {
         let against = against(fit, &gram);

@@ -16,20 +16,30 @@ pub struct Motion {
     pub torques: Vec<f64>,
 }
 
-/// All readings of a fit, in their order.
-pub fn motions(fit: &Fit, readings: &[&Reading], whiteners: &[Whitener]) -> Vec<Motion> {
+/// How all readings of a fit answer the robot's joints (12 × joints, m/rad and rad/rad), and the torques of their loads about
+/// these, N·m.
+pub fn answers(fit: &Fit, readings: &[&Reading]) -> (Vec<Rows>, Vec<Vec<f64>>) {
     let setup = &fit.model.setup;
     let alike = Alike::of(&fit.model, readings);
     let found = alike.map(&fit.model, readings, |workspace, reading| {
         let mut jacobian = Rows::zeros(setup.robot.joints.len());
         workspace.joint_jacobian(&fit.model, &fit.values, reading, &mut jacobian);
-        let torques = workspace.torques(&fit.model, reading);
-        (jacobian, torques)
+        (jacobian, workspace.torques(&fit.model, reading))
     });
-    let each = found.into_par_iter().zip(whiteners);
+    found.into_iter().unzip()
+}
+
+/// The same, whitened.
+pub fn motions(
+    fit: &Fit,
+    (jacobians, torques): (Vec<Rows>, Vec<Vec<f64>>),
+    whiteners: &[Whitener],
+) -> Vec<Motion> {
+    let observed = &fit.model.setup.observed;
+    let each = jacobians.into_par_iter().zip(torques).zip(whiteners);
     each.map(|((jacobian, torques), whitener)| {
-        let mut rates = DMatrix::zeros(whitener.rows, setup.observed.len());
-        for (place, &joint) in setup.observed.iter().enumerate() {
+        let mut rates = DMatrix::zeros(whitener.rows, observed.len());
+        for (place, &joint) in observed.iter().enumerate() {
             let rate = jacobian.column(joint).into_owned();
             whitener.apply(&rate, &mut |i, value| rates[(i, place)] = value);
         }

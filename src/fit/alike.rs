@@ -26,9 +26,50 @@ impl Alike {
 
     /// The same, by their times and temperatures too, or by what repeats have in common.
     pub fn by(readings: &[&Reading], clock: bool) -> Self {
-        let keys: Vec<Key> = readings.par_iter().map(|r| Key::of(r, clock)).collect();
-        let group_of = numbered(keys.iter());
-        let groups = members(&group_of);
+        let hash = |all: &mut Vec<u64>, reading: &&Reading| {
+            seen(reading, clock, all);
+            let mut hasher = DefaultHasher::new();
+            all.hash(&mut hasher);
+            hasher.finish()
+        };
+        let hashes: Vec<u64> = readings.par_iter().map_init(Vec::new, hash).collect();
+        let mut order: Vec<(u64, usize)> = hashes.into_iter().zip(0..).collect();
+        order.par_sort_unstable();
+        let runs: Vec<&[(u64, usize)]> = order.chunk_by(|a, b| a.0 == b.0).collect();
+        // nearly always all of one number are alike
+        let firsts = |run: &&[(u64, usize)]| {
+            let mut firsts: Vec<(usize, Vec<u64>)> = Vec::new();
+            let mut all = Vec::new();
+            let first = |&(_, index): &(u64, usize)| {
+                seen(readings[index], clock, &mut all);
+                let known = firsts.iter().find(|(_, other)| *other == all);
+                let first = known.map_or(index, |known| known.0);
+                if first == index {
+                    firsts.push((index, std::mem::take(&mut all)));
+                }
+                (index, first)
+            };
+            match run {
+                [(_, index)] => vec![(*index, *index)],
+                run => run.iter().map(first).collect(),
+            }
+        };
+        let mut first_of: Vec<usize> = (0..readings.len()).collect();
+        let found: Vec<Vec<(usize, usize)>> = runs.par_iter().map(firsts).collect();
+        for (index, first) in found.into_iter().flatten() {
+            first_of[index] = first;
+        }
+        let mut groups: Vec<Vec<usize>> = Vec::new();
+        let mut group_of = vec![0; readings.len()];
+        for (index, &first) in first_of.iter().enumerate() {
+            if first == index {
+                group_of[index] = groups.len();
+                groups.push(Vec::new());
+            } else {
+                group_of[index] = group_of[first];
+            }
+            groups[group_of[index]].push(index);
+        }
         Self { groups, group_of }
     }
 
@@ -91,50 +132,38 @@ pub fn reads_clock(effect: &dyn AnyEffect) -> bool {
     find(effect.kind()).is_none() || effect.needs().iter().any(reads)
 }
 
-/// Everything of a reading that a prediction depends on, behind a number made of it by which most are told apart.
-#[derive(PartialEq, Eq, PartialOrd, Ord)]
-struct Key {
-    hash: u64,
-    all: Vec<u64>,
-}
-
-impl Key {
-    /// `clock`: its time and temperatures too.
-    fn of(reading: &Reading, clock: bool) -> Self {
-        let bits = f64::to_bits;
-        let mut all: Vec<u64> = Vec::with_capacity(64);
-        all.push(reading.target as u64);
-        all.extend(reading.joints.iter().copied().map(bits));
-        // what may be absent is preceded by its number of values
-        let mut add = |values: &[f64]| {
-            all.push(values.len() as u64);
-            all.extend(values.iter().copied().map(bits));
-        };
-        add(reading.approach.as_deref().unwrap_or(&[]));
-        match reading.payload {
-            Some(p) => add(&[p.mass, p.com.x, p.com.y, p.com.z]),
-            None => add(&[]),
+/// Everything of a reading that a prediction depends on, in place of what `all` held; `clock`: its time and temperatures
+/// too.
+fn seen(reading: &Reading, clock: bool, all: &mut Vec<u64>) {
+    let bits = f64::to_bits;
+    all.clear();
+    all.push(reading.target as u64);
+    all.extend(reading.joints.iter().copied().map(bits));
+    // what may be absent is preceded by its number of values
+    let mut add = |values: &[f64]| {
+        all.push(values.len() as u64);
+        all.extend(values.iter().copied().map(bits));
+    };
+    add(reading.approach.as_deref().unwrap_or(&[]));
+    match reading.payload {
+        Some(p) => add(&[p.mass, p.com.x, p.com.y, p.com.z]),
+        None => add(&[]),
+    }
+    // beside a known load a wrench is measured, and only its being there counts
+    match (reading.wrench, wrench_is_measured(reading)) {
+        (None, _) => add(&[]),
+        (Some(_), true) => add(&[0.0]),
+        (Some(wrench), false) => add(stacked(&wrench.force, &wrench.torque).as_slice()),
+    }
+    match &reading.process {
+        Some(w) => add(stacked(&w.force, &w.torque).as_slice()),
+        None => add(&[]),
+    }
+    if clock {
+        add(reading.time.as_slice());
+        add(reading.temperature.as_slice());
+        for &(link, temperature) in &reading.link_temperatures {
+            all.extend([link as u64, temperature.to_bits()]);
         }
-        // beside a known load a wrench is measured, and only its being there counts
-        match (reading.wrench, wrench_is_measured(reading)) {
-            (None, _) => add(&[]),
-            (Some(_), true) => add(&[0.0]),
-            (Some(wrench), false) => add(stacked(&wrench.force, &wrench.torque).as_slice()),
-        }
-        match &reading.process {
-            Some(w) => add(stacked(&w.force, &w.torque).as_slice()),
-            None => add(&[]),
-        }
-        if clock {
-            add(reading.time.as_slice());
-            add(reading.temperature.as_slice());
-            for &(link, temperature) in &reading.link_temperatures {
-                all.extend([link as u64, temperature.to_bits()]);
-            }
-        }
-        let mut hasher = DefaultHasher::new();
-        all.hash(&mut hasher);
-        let hash = hasher.finish();
-        Self { hash, all }
     }
 }

@@ -101,20 +101,40 @@ impl Whitener {
 
 /// Covariance of the readings as the noise model says, at the parameters `p`.
 pub fn whiteners(model: &Model, p: &[f64], readings: &[&Reading], noise: &Noise) -> Vec<Whitener> {
+    if noise.joint == 0.0 {
+        return whiteners_where(readings, noise, |_| Matrix6::zeros());
+    }
     let joints = model.setup.robot.joints.len();
-    let repeatability = if noise.joint > 0.0 {
-        Alike::of(model, readings).map(model, readings, |workspace, reading| {
-            let mut jacobian = Rows::zeros(joints);
-            workspace.joint_jacobian(model, p, reading, &mut jacobian);
-            let pose = jacobian.fixed_rows::<6>(0);
-            pose * pose.transpose() * noise.joint.powi(2)
-        })
-    } else {
-        vec![Matrix6::zeros(); readings.len()]
-    };
-    let each = readings.par_iter().zip(repeatability);
-    each.map(|(reading, joints)| {
-        let covariance = tracker_covariance(reading, noise) + joints;
+    let squares = Alike::of(model, readings).map(model, readings, |workspace, reading| {
+        let mut jacobian = Rows::zeros(joints);
+        workspace.joint_jacobian(model, p, reading, &mut jacobian);
+        squares(&jacobian)
+    });
+    whiteners_where(readings, noise, |index| squares[index])
+}
+
+/// The same where it is known how each reading answers the robot's joints: 12 × joints, m/rad and rad/rad.
+pub fn whiteners_of(jacobians: &[Rows], readings: &[&Reading], noise: &Noise) -> Vec<Whitener> {
+    whiteners_where(readings, noise, |index| squares(&jacobians[index]))
+}
+
+/// `J Jᵀ` of the pose.
+fn squares(jacobian: &Rows) -> Matrix6<f64> {
+    let pose = jacobian.fixed_rows::<6>(0);
+    pose * pose.transpose()
+}
+
+fn whiteners_where(
+    readings: &[&Reading],
+    noise: &Noise,
+    squares: impl Fn(usize) -> Matrix6<f64> + Sync,
+) -> Vec<Whitener> {
+    let each = readings.par_iter().enumerate();
+    each.map(|(index, reading)| {
+        let mut covariance = tracker_covariance(reading, noise);
+        if noise.joint > 0.0 {
+            covariance += squares(index) * noise.joint.powi(2);
+        }
         whitener(reading, &covariance, noise)
     })
     .collect()
