@@ -26,38 +26,18 @@ impl Alike {
 
     /// The same, by their times and temperatures too, or by what repeats have in common.
     pub fn by(readings: &[&Reading], clock: bool) -> Self {
-        let hash = |all: &mut Vec<u64>, reading: &&Reading| {
+        let digest = |all: &mut Vec<u64>, (index, reading): (usize, &&Reading)| {
             seen(reading, clock, all);
-            let mut hasher = DefaultHasher::new();
-            all.hash(&mut hasher);
-            hasher.finish()
+            (digest(all), index)
         };
-        let hashes: Vec<u64> = readings.par_iter().map_init(Vec::new, hash).collect();
-        let mut order: Vec<(u64, usize)> = hashes.into_iter().zip(0..).collect();
+        let each = readings.par_iter().enumerate();
+        let mut order: Vec<([u64; 2], usize)> = each.map_init(Vec::new, digest).collect();
         order.par_sort_unstable();
-        let runs: Vec<&[(u64, usize)]> = order.chunk_by(|a, b| a.0 == b.0).collect();
-        // nearly always all of one number are alike
-        let firsts = |run: &&[(u64, usize)]| {
-            let mut firsts: Vec<(usize, Vec<u64>)> = Vec::new();
-            let mut all = Vec::new();
-            let first = |&(_, index): &(u64, usize)| {
-                seen(readings[index], clock, &mut all);
-                let known = firsts.iter().find(|(_, other)| *other == all);
-                let first = known.map_or(index, |known| known.0);
-                if first == index {
-                    firsts.push((index, std::mem::take(&mut all)));
-                }
-                (index, first)
-            };
-            match run {
-                [(_, index)] => vec![(*index, *index)],
-                run => run.iter().map(first).collect(),
-            }
-        };
         let mut first_of: Vec<usize> = (0..readings.len()).collect();
-        let found: Vec<Vec<(usize, usize)>> = runs.par_iter().map(firsts).collect();
-        for (index, first) in found.into_iter().flatten() {
-            first_of[index] = first;
+        for alike in order.chunk_by(|a, b| a.0 == b.0) {
+            for &(_, index) in alike {
+                first_of[index] = alike[0].1;
+            }
         }
         let mut groups: Vec<Vec<usize>> = Vec::new();
         let mut group_of = vec![0; readings.len()];
@@ -130,6 +110,15 @@ pub fn reads_clock(effect: &dyn AnyEffect) -> bool {
     let reads = |need: &Need| matches!(need, Need::Time | Need::Temperature);
     // of an effect that is not of the catalogue nothing is known
     find(effect.kind()).is_none() || effect.needs().iter().any(reads)
+}
+
+/// Two in 1e38 differ and have the same: as good as equal to the bit.
+fn digest(all: &[u64]) -> [u64; 2] {
+    [0, 1].map(|number: u64| {
+        let mut hasher = DefaultHasher::new();
+        (number, all).hash(&mut hasher);
+        hasher.finish()
+    })
 }
 
 /// Everything of a reading that a prediction depends on, in place of what `all` held; `clock`: its time and temperatures

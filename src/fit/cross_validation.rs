@@ -1,11 +1,14 @@
 //! Cross-validation by pose: errors of poses that a fit has not seen.
 
 use super::noise::Whitener;
+use super::problem::ONE_IN;
 use super::residuals::{Errors, residuals, summarise};
 use super::solve::{self, Linear, Problem};
+use super::triangle::triangle;
 use super::{CampaignProblem, Fit, alike, start_values};
 use crate::campaign::{Campaign, Reading};
 use crate::model::Row;
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
 /// Folds of the cross-validation by pose.
@@ -27,20 +30,25 @@ pub fn pose_key(reading: &Reading) -> (String, Vec<u64>) {
     }
 }
 
+/// Pose of each reading, numbered in order of appearance.
+fn poses(readings: &[&Reading]) -> Vec<usize> {
+    alike::numbered(readings.iter().map(|reading| pose_key(reading)))
+}
+
 /// Fold of each reading, 0 to [`FOLDS`] - 1, poses in order of appearance going round; and the number of poses.
 pub fn folds(readings: &[&Reading]) -> (Vec<usize>, usize) {
-    let poses = alike::numbered(readings.iter().map(|reading| pose_key(reading)));
+    let poses = poses(readings);
     let count = poses.iter().max().map_or(0, |last| last + 1);
     (poses.into_iter().map(|pose| pose % FOLDS).collect(), count)
 }
 
 /// The problem of the poses that are kept, which is known at a point.
-struct Fold<'a> {
+struct Kept<'a> {
     problem: CampaignProblem<'a>,
     known: Option<(&'a [f64], Linear)>,
 }
 
-impl Problem for Fold<'_> {
+impl Problem for Kept<'_> {
     fn linearise(&self, p: &[f64]) -> Linear {
         match &self.known {
             Some((place, linear)) if *place == p => linear.clone(),
@@ -61,6 +69,15 @@ impl Problem for Fold<'_> {
     }
 }
 
+/// A fit and what it fitted.
+struct Fitted<'a> {
+    campaign: &'a Campaign,
+    fit: &'a Fit,
+    readings: &'a [&'a Reading],
+    whiteners: &'a [Whitener],
+    poses: Vec<usize>,
+}
+
 /// Errors of poses left out a fifth at a time, none with too few poses; and how many of those fits did not
 /// converge.
 pub(super) fn cross_validated(
@@ -69,86 +86,154 @@ pub(super) fn cross_validated(
     readings: &[&Reading],
     whiteners: &[Whitener],
 ) -> Option<(Errors, usize)> {
-    let (folds, poses) = folds(readings);
-    if poses < FEWEST_POSES {
+    let poses = poses(readings);
+    if poses
+        .iter()
+        .max()
+        .is_none_or(|last| last + 1 < FEWEST_POSES)
+    {
         return None;
     }
-    let model = &fit.model;
-    let of_free = |p: &[f64]| -> Vec<f64> { fit.free.iter().map(|&k| p[k]).collect() };
-    let indices = |wanted: &dyn Fn(usize) -> bool| -> Vec<usize> {
-        (0..readings.len()).filter(|&i| wanted(folds[i])).collect()
+    let fitted = Fitted {
+        campaign,
+        fit,
+        readings,
+        whiteners,
+        poses,
     };
-    let parts = |indices: &[usize]| -> (Vec<&Reading>, Vec<Whitener>) {
-        let part = indices.iter().map(|&i| (readings[i], whiteners[i].clone()));
-        part.unzip()
-    };
+    let many = fit.folds.as_ref();
+    let many = many.filter(|_| fit.converged && fit.readings.0 == readings.len());
     // where the fit of all ended, all folds begin: the rows of each are computed there once
-    let many = fit
-        .folds
-        .as_ref()
-        .filter(|_| fit.converged && fit.readings.0 == readings.len());
     let ended = match many {
-        Some((before, folds)) => Some((before.clone(), folds.clone())),
-        None => fit.converged.then(|| {
-            let begin = of_free(&fit.values);
-            let of_fold = |fold: usize| {
-                let (part, whiteners) = parts(&indices(&|own| own == fold));
-                CampaignProblem::new(model, &part, &whiteners, &fit.free, &fit.values)
-                    .linearise(&begin)
-            };
-            let folds: Vec<Linear> = (0..FOLDS).into_par_iter().map(of_fold).collect();
-            (begin, folds)
-        }),
+        Some(ended) => Some(ended.clone()),
+        None => fit.converged.then(|| fitted.by_folds()),
     };
     let of_fold = |fold: usize| {
-        let (kept, out) = (indices(&|own| own != fold), indices(&|own| own == fold));
-        let (part, of_part) = parts(&kept);
-        // the prior is about frames that know nothing of the fold left out, and decides where the fit ends; the
-        // first step may begin near it
-        let start = start_values(campaign, model, &part);
-        let centre = of_free(&start);
-        let problem = Fold {
-            problem: CampaignProblem::new(model, &part, &of_part, &fit.free, &start),
-            known: ended.as_ref().map(|(begin, folds)| {
-                let others = folds.iter().enumerate().filter(|(own, _)| *own != fold);
-                (&begin[..], Linear::joined(others.map(|(_, linear)| linear)))
-            }),
-        };
-        let tested: Vec<&Reading> = out.iter().map(|&i| readings[i]).collect();
-        let left = |p: &[f64]| residuals(model, &problem.problem.full(p), &tested);
-        // of many readings a fifth moves the estimates so little that one step does
-        let one_step = || {
-            let (begin, folds) = many?;
-            let (_, linear) = problem.known.as_ref()?;
-            let (next, step) = solve::full_step(&problem, linear, begin, &centre);
-            let expected = folds[fold].cost_after(&step);
-            let seen_to = |p: &[f64]| {
-                let rows = left(p);
-                let squares = rows.iter().zip(&out);
-                let squares: f64 = squares.map(|(row, &i)| whiteners[i].squares(row)).sum();
-                ((squares - expected).abs() < STRAIGHT * expected).then_some((true, rows))
-            };
-            seen_to(&next).or_else(|| {
-                let problem = &problem.problem;
-                seen_to(&problem.straightened(begin, &step, &next)?)
-            })
-        };
-        let (converged, rows) = one_step().unwrap_or_else(|| {
-            let begin = ended.as_ref().map_or(&centre, |(begin, _)| begin);
-            let found = solve::solve(&problem, begin, &centre, |_, _| {});
-            (found.converged, left(&found.p))
-        });
-        let rows: Vec<(usize, Row)> = out.into_iter().zip(rows).collect();
-        (converged, rows)
+        let one = many.and_then(|ended| fitted.one_step(fold, ended));
+        one.unwrap_or_else(|| fitted.refitted(fold, ended.as_ref()))
     };
     let mut stopped = 0;
     let mut left = vec![Row::zeros(); readings.len()];
-    let folds: Vec<_> = (0..FOLDS).into_par_iter().map(of_fold).collect();
-    for (converged, rows) in folds {
+    let folds: Vec<(bool, Vec<Row>)> = (0..FOLDS).into_par_iter().map(of_fold).collect();
+    for (fold, (converged, rows)) in folds.into_iter().enumerate() {
         stopped += usize::from(!converged);
-        for (i, row) in rows {
+        for (i, row) in fitted.indices(|own| own == fold).zip(rows) {
             left[i] = row;
         }
     }
     Some((summarise(&left, readings, whiteners), stopped))
+}
+
+impl Fitted<'_> {
+    /// Readings of the folds wanted.
+    fn indices(&self, wanted: impl Fn(usize) -> bool) -> impl Iterator<Item = usize> {
+        (0..self.readings.len()).filter(move |&i| wanted(self.poses[i] % FOLDS))
+    }
+
+    fn parts(&self, indices: impl Iterator<Item = usize>) -> (Vec<&Reading>, Vec<Whitener>) {
+        indices
+            .map(|i| (self.readings[i], self.whiteners[i].clone()))
+            .unzip()
+    }
+
+    fn of_free(&self, p: &[f64]) -> Vec<f64> {
+        self.fit.free.iter().map(|&k| p[k]).collect()
+    }
+
+    /// Where the fit ended, and the problem of each fold there.
+    fn by_folds(&self) -> (Vec<f64>, Vec<Linear>) {
+        let fit = self.fit;
+        let begin = self.of_free(&fit.values);
+        let of_fold = |fold: usize| {
+            let (part, whiteners) = self.parts(self.indices(|own| own == fold));
+            CampaignProblem::new(&fit.model, &part, &whiteners, &fit.free, &fit.values)
+                .linearise(&begin)
+        };
+        let folds = (0..FOLDS).into_par_iter().map(of_fold).collect();
+        (begin, folds)
+    }
+
+    /// Start values of the fit without a fold. The prior is about them: about frames that know nothing of the fold left
+    /// out.
+    fn start(&self, fold: usize) -> Vec<f64> {
+        let kept = self.indices(|own| own != fold);
+        let kept: Vec<&Reading> = kept.map(|i| self.readings[i]).collect();
+        start_values(self.campaign, &self.fit.model, &kept)
+    }
+
+    /// What the parameters `p` leave of a fold's readings.
+    fn left(&self, fold: usize, p: &[f64]) -> Vec<Row> {
+        let tested = self.indices(|own| own == fold);
+        let tested: Vec<&Reading> = tested.map(|i| self.readings[i]).collect();
+        residuals(&self.fit.model, p, &tested)
+    }
+
+    /// What a fit without a fold leaves of it, and whether that converged.
+    fn refitted(&self, fold: usize, ended: Option<&(Vec<f64>, Vec<Linear>)>) -> (bool, Vec<Row>) {
+        let fit = self.fit;
+        let start = self.start(fold);
+        let centre = self.of_free(&start);
+        let (part, whiteners) = self.parts(self.indices(|own| own != fold));
+        let kept = Kept {
+            problem: CampaignProblem::new(&fit.model, &part, &whiteners, &fit.free, &start),
+            known: ended.map(|(begin, folds)| (&begin[..], without(folds, fold))),
+        };
+        // where it ends, the prior decides; the first step may begin near it
+        let begin = ended.map_or(&centre, |(begin, _)| begin);
+        let found = solve::solve(&kept, begin, &centre, |_, _| {});
+        let p = kept.problem.full(&found.p);
+        (found.converged, self.left(fold, &p))
+    }
+
+    /// The same where one step is enough: of many readings a fifth moves the estimates that little.
+    fn one_step(
+        &self,
+        fold: usize,
+        (begin, folds): &(Vec<f64>, Vec<Linear>),
+    ) -> Option<(bool, Vec<Row>)> {
+        let fit = self.fit;
+        let start = self.start(fold);
+        let some = self.indices(|own| own != fold);
+        let some = some.filter(|&i| (self.poses[i] / FOLDS).is_multiple_of(ONE_IN));
+        let (part, whiteners) = self.parts(some);
+        let some = CampaignProblem::new(&fit.model, &part, &whiteners, &fit.free, &start);
+        let centre = self.of_free(&start);
+        let (next, step) = solve::full_step(&some, &without(folds, fold), begin, &centre);
+        let expected = folds[fold].cost_after(&step);
+        let as_expected = |p: &[f64]| {
+            let rows = self.left(fold, &some.full(p));
+            let own = self.indices(|own| own == fold);
+            let squares = own
+                .zip(&rows)
+                .map(|(i, row)| self.whiteners[i].squares(row));
+            let apart = squares.sum::<f64>() - expected;
+            (apart.abs() < STRAIGHT * expected).then_some((true, rows))
+        };
+        as_expected(&next).or_else(|| as_expected(&straightened(&some, begin, &step, &next)))
+    }
+}
+
+/// The problem without a fold.
+fn without(folds: &[Linear], fold: usize) -> Linear {
+    let others = folds.iter().enumerate().filter(|(own, _)| *own != fold);
+    Linear::joined(others.map(|(_, linear)| linear))
+}
+
+/// Where the model predicts some readings as it would after a step (typical sizes) from `begin` were it linear there, near
+/// `next`, to which that leads. What hardly shows in the readings may change much in a step, and bends all else.
+fn straightened(
+    some: &CampaignProblem<'_>,
+    begin: &[f64],
+    step: &DVector<f64>,
+    next: &[f64],
+) -> Vec<f64> {
+    let n = next.len();
+    let bent = |(before, mut after): (DMatrix<f64>, DMatrix<f64>)| {
+        let mut apart = after.column_mut(n);
+        apart -= before.columns(0, n) * step + before.column(n);
+        triangle(after)
+    };
+    let pairs = some.blocks(begin).into_iter().zip(some.blocks(next));
+    let linear = solve::reduce(pairs.map(bent).collect(), n);
+    solve::full_step(some, &linear, next, next).0
 }

@@ -11,9 +11,9 @@ use super::triangle::triangle;
 use crate::campaign::Reading;
 use crate::dual_quaternion::rotation_vector;
 use crate::model::{Model, Row, Rows, Workspace, right_jacobian_inverse, stacked};
-use nalgebra::{DMatrix, DVector, Matrix6, Vector3};
+use nalgebra::{DMatrix, Matrix6, Vector3};
 use rayon::prelude::*;
-use std::ops::{Range, SubAssign};
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 /// Readings a block: large enough to amortise a QR factorisation, fixed so that sums do not depend on threads.
@@ -21,7 +21,7 @@ const BLOCK: usize = 48;
 /// Readings that are not alike from which on a fit begins with some of them.
 const MANY: usize = 2_000;
 /// One in so many of them: a prime, so that a design's loads and directions, which go round, are all there.
-const ONE_IN: usize = 7;
+pub(super) const ONE_IN: usize = 7;
 
 /// A model and readings as a least-squares problem over the free parameters.
 pub struct CampaignProblem<'a> {
@@ -188,47 +188,21 @@ impl<'a> CampaignProblem<'a> {
             .collect()
     }
 
-    /// Some of the readings, if there are many that are not alike, and their whitening.
-    fn some(&self) -> Option<(Vec<&'a Reading>, Vec<Whitener>)> {
-        let groups = &self.alike.groups;
-        let some = groups.iter().step_by(ONE_IN).flatten();
-        let pairs = some.map(|&index| (self.readings[index], self.whiteners[index].clone()));
-        (groups.len() >= MANY).then(|| pairs.unzip())
-    }
-
     /// Where a fit of some of the readings ends, from where that of all has a step or two to go; the beginning if they are
     /// few, or if it does not converge.
     pub(super) fn ahead(&self, begin: Vec<f64>, centre: &[f64]) -> Vec<f64> {
-        let Some((readings, whiteners)) = self.some() else {
+        let groups = &self.alike.groups;
+        if groups.len() < MANY {
             return begin;
-        };
+        }
+        let some = groups.iter().step_by(ONE_IN).flatten();
+        let (readings, whiteners): (Vec<&Reading>, Vec<Whitener>) = some
+            .map(|&index| (self.readings[index], self.whiteners[index].clone()))
+            .unzip();
         let (model, free, held) = (self.model, self.free, self.held);
         let part = CampaignProblem::new(model, &readings, &whiteners, free, held);
         let found = solve::solve(&part, &begin, centre, |_, _| {});
         if found.converged { found.p } else { begin }
-    }
-
-    /// Where the model predicts what it would after a step (typical sizes) from `begin` were it linear there, near `next`,
-    /// where that leads; none if the readings are few. What hardly shows in them may change much in a step, and then bend
-    /// all else.
-    pub(super) fn straightened(
-        &self,
-        begin: &[f64],
-        step: &DVector<f64>,
-        next: &[f64],
-    ) -> Option<Vec<f64>> {
-        let (readings, whiteners) = self.some()?;
-        let (model, free, held) = (self.model, self.free, self.held);
-        let part = CampaignProblem::new(model, &readings, &whiteners, free, held);
-        let n = self.free.len();
-        let pairs = part.blocks(begin).into_iter().zip(part.blocks(next));
-        let bent = pairs.map(|(before, mut after)| {
-            let wanted = before.columns(0, n) * step + before.column(n);
-            after.column_mut(n).sub_assign(&wanted);
-            after
-        });
-        let linear = solve::reduce(bent.map(triangle).collect(), n);
-        Some(solve::full_step(&part, &linear, next, next).0)
     }
 }
 
