@@ -327,7 +327,8 @@ fn fit_from(
     {
         return Err(error);
     }
-    let errors = errors(model, &estimate.p, &fitted, &estimate.whiteners);
+    let left = residuals::residuals_of(&estimate.alike, model, &estimate.p, &fitted);
+    let errors = residuals::summarise(&left, &fitted, &estimate.whiteners);
     let held = (!heldout.is_empty()).then(|| {
         let whiteners = noise::whiteners(model, &estimate.p, &heldout, &estimate.noise);
         self::errors(model, &estimate.p, &heldout, &whiteners)
@@ -451,6 +452,7 @@ struct Estimate {
     p: Vec<f64>,
     solution: Solution,
     free: Vec<usize>,
+    alike: Alike,
     noise: Noise,
     whiteners: Vec<Whitener>,
     used: NoiseUsed,
@@ -478,7 +480,10 @@ fn estimate(
     let mut shape = campaign
         .noise
         .unwrap_or_else(|| noise::isotropic(1e-4, 1e-4));
-    let mut whiteners = noise::whiteners(model, &start, readings, &shape);
+    let alike = Alike::of(model, readings);
+    let whitened =
+        |p: &[f64], shape: &Noise| noise::whiteners_alike(&alike, model, p, readings, shape);
+    let mut whiteners = whitened(&start, &shape);
     let replicates = noise::pure_error(readings, &whiteners, &groups);
     if let (None, Some(pure)) = (campaign.noise, replicates) {
         shape = Noise {
@@ -486,7 +491,7 @@ fn estimate(
             torque: pure.torque.sqrt(),
             ..noise::isotropic(pure.position.sqrt(), pure.orientation.sqrt())
         };
-        whiteners = noise::whiteners(model, &start, readings, &shape);
+        whiteners = whitened(&start, &shape);
     }
     let source = match (replicates, campaign.noise) {
         (Some(_), _) => Source::Replicates,
@@ -510,7 +515,7 @@ fn estimate(
         }
         if source == Source::Residual {
             shape = near.noise.shape;
-            whiteners = noise::whiteners(model, &p, readings, &shape);
+            whiteners = whitened(&p, &shape);
         }
     }
     // with none held out the folds of the cross-validation begin where the fit ends
@@ -523,8 +528,8 @@ fn estimate(
     let mut steps = 0;
     let mut costs = Vec::new();
     for round in 0..rounds {
-        let problem =
-            CampaignProblem::new(model, readings, &whiteners, &free, &p).in_folds(&of_fold);
+        let problem = CampaignProblem::of(alike.clone(), model, readings, &whiteners, &free, &p)
+            .in_folds(&of_fold);
         let mut begin: Vec<f64> = free.iter().map(|&k| p[k]).collect();
         if source != Source::Residual {
             begin = problem.ahead(begin, &centre);
@@ -546,8 +551,8 @@ fn estimate(
         if source == Source::Residual {
             let rank = solve::Spectrum::of(found.linear.factor.clone()).rank;
             let before = (shape.position, shape.orientation);
-            shape = from_residual(model, &p, readings, rank);
-            whiteners = noise::whiteners(model, &p, readings, &shape);
+            shape = from_residual(&alike, model, &p, readings, rank);
+            whiteners = whitened(&p, &shape);
             dof = Some(rows(&whiteners).saturating_sub(rank).max(1));
             let settled = (shape.position / before.0 - 1.0).abs() < 0.01
                 && (!with_orientation || (shape.orientation / before.1 - 1.0).abs() < 0.01);
@@ -565,8 +570,8 @@ fn estimate(
     solution.iterations = steps;
     if source == Source::Residual {
         // the factor belongs to the noise sizes of the round before
-        let problem =
-            CampaignProblem::new(model, readings, &whiteners, &free, &p).in_folds(&of_fold);
+        let problem = CampaignProblem::of(alike.clone(), model, readings, &whiteners, &free, &p)
+            .in_folds(&of_fold);
         solution.linear = problem.linearise(&solution.p);
         solution.before = solution.p.clone();
     }
@@ -598,6 +603,7 @@ fn estimate(
         p,
         solution,
         free,
+        alike,
         noise: shape,
         whiteners,
         used,
@@ -610,8 +616,14 @@ fn rows(whiteners: &[Whitener]) -> usize {
 }
 
 /// Sizes of isotropic noise from what the fit leaves, its degrees of freedom shared by rows.
-fn from_residual(model: &Model, p: &[f64], readings: &[&Reading], rank: usize) -> Noise {
-    let residuals = residuals(model, p, readings);
+fn from_residual(
+    alike: &Alike,
+    model: &Model,
+    p: &[f64],
+    readings: &[&Reading],
+    rank: usize,
+) -> Noise {
+    let residuals = residuals::residuals_of(alike, model, p, readings);
     let (mut position, mut orientation, mut turned) = (0.0, 0.0, 0usize);
     for (residual, reading) in residuals.iter().zip(readings) {
         position += residual.fixed_rows::<3>(0).norm_squared();

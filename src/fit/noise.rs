@@ -10,7 +10,6 @@ use crate::dual_quaternion::rotation_vector;
 use crate::model::{Model, Row, Rows, stacked, wrench_is_measured};
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// Noise below this is rounding: one standard deviation, m and rad.
 pub const FLOOR: f64 = 1e-9;
@@ -101,11 +100,25 @@ impl Whitener {
 
 /// Covariance of the readings as the noise model says, at the parameters `p`.
 pub fn whiteners(model: &Model, p: &[f64], readings: &[&Reading], noise: &Noise) -> Vec<Whitener> {
+    match noise.joint > 0.0 {
+        true => whiteners_alike(&Alike::of(model, readings), model, p, readings, noise),
+        false => whiteners_where(readings, noise, |_| Matrix6::zeros()),
+    }
+}
+
+/// The same where it is known which readings are alike.
+pub(super) fn whiteners_alike(
+    alike: &Alike,
+    model: &Model,
+    p: &[f64],
+    readings: &[&Reading],
+    noise: &Noise,
+) -> Vec<Whitener> {
     if noise.joint == 0.0 {
         return whiteners_where(readings, noise, |_| Matrix6::zeros());
     }
     let joints = model.setup.robot.joints.len();
-    let squares = Alike::of(model, readings).map(model, readings, |workspace, reading| {
+    let squares = alike.map(model, readings, |workspace, reading| {
         let mut jacobian = Rows::zeros(joints);
         workspace.joint_jacobian(model, p, reading, &mut jacobian);
         squares(&jacobian)
@@ -201,8 +214,7 @@ pub fn isotropic(position: f64, orientation: f64) -> Noise {
 /// angles are, to the bit.
 pub fn replicate_groups(campaign: &Campaign, readings: &[&Reading]) -> Vec<Vec<usize>> {
     let bits = |x: &f64| x.to_bits();
-    let mut groups: BTreeMap<_, Vec<usize>> = BTreeMap::new();
-    for (index, reading) in readings.iter().enumerate() {
+    let key = |(index, reading): (usize, &&Reading)| {
         let pose = match &reading.pose {
             Some(label) => (label.clone(), Vec::new()),
             None => (String::new(), reading.joints.iter().map(bits).collect()),
@@ -211,11 +223,13 @@ pub fn replicate_groups(campaign: &Campaign, readings: &[&Reading]) -> Vec<Vec<u
         let payload = reading
             .payload
             .map(|p| [p.mass, p.com.x, p.com.y, p.com.z].map(f64::to_bits));
-        let key = (reading.target, pose, approach, payload);
-        groups.entry(key).or_default().push(index);
-    }
+        ((reading.target, pose, approach, payload), index)
+    };
+    let mut keys: Vec<_> = readings.par_iter().enumerate().map(key).collect();
+    keys.par_sort_unstable();
+    let groups = keys.chunk_by(|a, b| a.0 == b.0);
     groups
-        .into_values()
+        .map(|group| group.iter().map(|&(_, index)| index).collect())
         .flat_map(|group| by_wrench(campaign, readings, group))
         .filter(|group| group.len() > 1)
         .collect()

@@ -55,12 +55,24 @@ impl<'a> CampaignProblem<'a> {
         free: &'a [usize],
         held: &'a [f64],
     ) -> Self {
+        let alike = Alike::of(model, readings);
+        Self::of(alike, model, readings, whiteners, free, held)
+    }
+
+    /// The same where it is known which readings are alike.
+    pub(super) fn of(
+        alike: Alike,
+        model: &'a Model,
+        readings: &'a [&'a Reading],
+        whiteners: &'a [Whitener],
+        free: &'a [usize],
+        held: &'a [f64],
+    ) -> Self {
         let parameters: Vec<_> = model.parameters().map(|(_, parameter)| parameter).collect();
         let mut wanted = vec![false; parameters.len()];
         for &k in free {
             wanted[k] = true;
         }
-        let alike = Alike::of(model, readings);
         let gives_way = alike.groups.iter().filter(|_| model.is_elastic());
         let equilibria = gives_way.map(|_| Mutex::default()).collect();
         let groups = alike.groups.par_iter();

@@ -25,7 +25,17 @@ pub struct Errors {
 
 /// Residuals, measured minus predicted: position (m), rotation vector (rad), in the tracker's frame.
 pub fn residuals(model: &Model, p: &[f64], readings: &[&Reading]) -> Vec<Row> {
-    let predictions = Alike::of(model, readings).map(model, readings, |workspace, reading| {
+    residuals_of(&Alike::of(model, readings), model, p, readings)
+}
+
+/// The same where it is known which readings are alike.
+pub(super) fn residuals_of(
+    alike: &Alike,
+    model: &Model,
+    p: &[f64],
+    readings: &[&Reading],
+) -> Vec<Row> {
+    let predictions = alike.map(model, readings, |workspace, reading| {
         workspace.predict(model, p, reading)
     });
     let pairs = predictions.iter().zip(readings);
