@@ -273,9 +273,9 @@ fn value_of<'a>(steps: &mut impl Iterator<Item = &'a Step>, values: &[f64]) -> f
                 }
                 Step::Call(Function::Min) => left.min(right),
                 Step::Call(Function::Max) => left.max(right),
-                // only bases above zero have powers that vary; 1 to the power of infinity has no value, nor has infinity to
-                // that of zero
-                _ if left == 1.0 && right.is_infinite() => f64::NAN,
+                // only bases above zero have powers that vary; 1 to the power of infinity has no value, nor to that of no
+                // number, nor has infinity to that of zero
+                _ if left == 1.0 && !right.is_finite() => f64::NAN,
                 _ if left.is_infinite() && right == 0.0 => f64::NAN,
                 _ if left > 0.0 => left.powf(right),
                 _ => f64::NAN,

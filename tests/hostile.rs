@@ -409,6 +409,9 @@ fn powers_have_a_value_by_both_ways_or_by_none() {
             "((-t)^(-(3)^22)^3-t)^(-(-t)^(-(3)^2)^2-t)^(-(-33)^2)^2",
             [0.3, 0.0],
         ),
+        // and 1 to a power that has no value
+        ("x-1^-0^y", [0.3, 1.0]),
+        ("x^y", [1.0, f64::NAN]),
         ("x^1.5 + 0*y", [f64::NEG_INFINITY, 0.0]),
         ("x^0.5 + 0*y", [f64::NEG_INFINITY, 0.0]),
         ("x^65 + 0*y", [-1.1, 0.0]),
