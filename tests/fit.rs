@@ -5,7 +5,9 @@ use crate::common::{effect, sda5f, six_axis};
 use misfit::campaign::{Campaign, Frame, Reading, Split};
 use misfit::effects::{CATALOGUE, Need};
 use misfit::fit::solve::{Linear, Problem, reduce, solve};
-use misfit::fit::{CampaignProblem, Fit, Options, Status, fit, noise};
+use misfit::fit::{
+    CampaignProblem, Errors, FOLDS, Fit, HeldoutBy, Options, Status, fit, folds, noise,
+};
 use misfit::model_file;
 use misfit::scenario::Scenario;
 use misfit::scenario::design::DesignLoad;
@@ -230,6 +232,55 @@ fn derivatives_at_rest_are_those_of_each_reading() {
     }
     tried.sort_unstable();
     assert_eq!(tried, ["frame_drift", "thermal_expansion"]);
+}
+
+/// Of many readings a fold takes one step from where the fit of all ended: it must end where a fit without its poses does,
+/// though the model lacks an effect and the step leads along a curved valley.
+#[test]
+fn poses_left_out_of_many_are_predicted_as_by_fits_without_them() {
+    let mut scenario = scenario("large");
+    scenario.design.poses = 600;
+    scenario.design.repeats = 1;
+    let campaign = simulate(&scenario, || {}).unwrap();
+    let model = model_file::model(&campaign, None, None).unwrap();
+    let options = Options {
+        cross_validate: true,
+    };
+    let found = fit(&campaign, &model, &options, |_| {}).unwrap();
+    assert_eq!(found.heldout_by, Some(HeldoutBy::CrossValidation));
+    let found = found.heldout.unwrap();
+
+    let readings: Vec<&Reading> = campaign.readings.iter().collect();
+    let folds = folds(&readings).0;
+    let left_out: Vec<(f64, Errors)> = (0..FOLDS)
+        .map(|fold| {
+            let mut without = campaign.clone();
+            for (reading, own) in without.readings.iter_mut().zip(&folds) {
+                if *own == fold {
+                    reading.split = Split::Heldout;
+                }
+            }
+            let fit = fitted(&without, None);
+            (fit.readings.1 as f64, fit.heldout.unwrap())
+        })
+        .collect();
+    let rms = |of: fn(&Errors) -> f64| {
+        let squares = left_out.iter().map(|(count, own)| count * of(own).powi(2));
+        let count: f64 = left_out.iter().map(|(count, _)| count).sum();
+        (squares.sum::<f64>() / count).sqrt()
+    };
+    let alike = |found: f64, expected: f64| (found / expected - 1.0).abs() < 1e-5;
+    let position = rms(|own| own.position_rms_m);
+    assert!(
+        alike(found.position_rms_m, position),
+        "{found:?}, {position}"
+    );
+    let turn = rms(|own| own.orientation_rms_rad.unwrap());
+    assert!(alike(found.orientation_rms_rad.unwrap(), turn), "{turn}");
+    let furthest = left_out.iter().map(|(_, own)| own.position_max_m);
+    let furthest = furthest.fold(0.0, f64::max);
+    let apart = found.position_max_m / furthest - 1.0;
+    assert!(apart.abs() < 1e-3, "{apart}");
 }
 
 /// Rosenbrock's valley: the first full step leaves its floor, the second ends at the minimum.
