@@ -17,6 +17,7 @@ use crate::campaign::Reading;
 use crate::dual_quaternion::{DualQuaternion, Scalar, constant};
 use crate::setup::Setup;
 use nalgebra::{Vector3, Vector6};
+use std::ops::Range;
 
 /// Numbers of one node: translation x y z, rotation x y z.
 pub const NODE: usize = 6;
@@ -33,14 +34,48 @@ pub struct Posture<'a, S: Scalar> {
     /// What the wrist sensor should read, `[f; m]`, link frame, N and N·m; zero but for effects on the sensor.
     pub sensed: Vector6<S>,
     /// Deviations by [`Slots`].
-    pub deviations: &'a mut [S],
+    deviations: &'a mut [S],
+    /// Deviations that were added to lie in here.
+    touched: Range<usize>,
     /// Pose of the tracker in the robot's base frame.
     pub base_from_tracker: DualQuaternion<S>,
     /// Pose of this reading's target in its link.
     pub link_from_target: DualQuaternion<S>,
 }
 
-impl<S: Scalar> Posture<'_, S> {
+impl<'a, S: Scalar> Posture<'a, S> {
+    /// A posture to which nothing has been added yet, but for what `deviations` hold; frames are the identity.
+    pub fn new(
+        setup: &'a Setup,
+        reading: &'a Reading,
+        wrenches: &'a [Vector6<S>],
+        sensed: Vector6<S>,
+        deviations: &'a mut [S],
+    ) -> Self {
+        Self {
+            setup,
+            reading,
+            wrenches,
+            sensed,
+            touched: deviations.len()..0,
+            deviations,
+            base_from_tracker: DualQuaternion::identity(),
+            link_from_target: DualQuaternion::identity(),
+        }
+    }
+
+    /// Deviations that were added to lie in here: others are what they were.
+    pub fn touched(&self) -> Range<usize> {
+        let Range { start, end } = self.touched;
+        start.min(end)..end
+    }
+
+    fn add(&mut self, slot: usize, by: S) {
+        self.deviations[slot] += by;
+        self.touched.start = self.touched.start.min(slot);
+        self.touched.end = self.touched.end.max(slot + 1);
+    }
+
     /// Encoder angle of a joint, rad (m).
     pub fn q(&self, joint: usize) -> S {
         constant(self.reading.joints[joint])
@@ -70,26 +105,26 @@ impl<S: Scalar> Posture<'_, S> {
 
     /// Adds to a joint's angle, rad (m for a prismatic one).
     pub fn move_joint(&mut self, joint: usize, by: S) {
-        self.deviations[joint] += by;
+        self.add(joint, by);
     }
 
     /// Adds to one number of a node's motion: 0 to 2 translation (m), 3 to 5 rotation (rad).
     pub fn move_node(&mut self, node: usize, component: usize, by: S) {
         let slot = Slots::of(self.setup).node(node) + component;
-        self.deviations[slot] += by;
+        self.add(slot, by);
     }
 
     /// Adds to a body's mass at its nominal centre, kg.
     pub fn add_mass(&mut self, body: usize, by: S) {
         let slot = Slots::of(self.setup).mass + body;
-        self.deviations[slot] += by;
+        self.add(slot, by);
     }
 
     /// Moves a body's centre of mass, body's frame, m.
     pub fn move_com(&mut self, body: usize, by: [S; 3]) {
         let first = Slots::of(self.setup).com + 3 * body;
         for (k, by) in by.into_iter().enumerate() {
-            self.deviations[first + k] += by;
+            self.add(first + k, by);
         }
     }
 
@@ -97,40 +132,40 @@ impl<S: Scalar> Posture<'_, S> {
     pub fn add_gravity(&mut self, by: [S; 3]) {
         let first = Slots::of(self.setup).gravity;
         for (k, by) in by.into_iter().enumerate() {
-            self.deviations[first + k] += by;
+            self.add(first + k, by);
         }
     }
 
     /// Adds to the payload's mass, kg; without a payload nothing happens.
     pub fn add_payload_mass(&mut self, by: S) {
         let slot = Slots::of(self.setup).payload_mass;
-        self.deviations[slot] += by;
+        self.add(slot, by);
     }
 
     /// Moves the payload's centre, target link's frame, m.
     pub fn move_payload(&mut self, by: [S; 3]) {
         let first = Slots::of(self.setup).payload_com;
         for (k, by) in by.into_iter().enumerate() {
-            self.deviations[first + k] += by;
+            self.add(first + k, by);
         }
     }
 
     /// Adds to the torque that a joint's gear carries, N·m (N).
     pub fn add_torque(&mut self, joint: usize, by: S) {
         let slot = Slots::of(self.setup).torque + joint;
-        self.deviations[slot] += by;
+        self.add(slot, by);
     }
 
     /// Adds to what the wrist sensor reads: components of `[f; m]`, N and N·m.
     pub fn add_sensed(&mut self, component: usize, by: S) {
         let slot = Slots::of(self.setup).sensed + component;
-        self.deviations[slot] += by;
+        self.add(slot, by);
     }
 
     /// Lengthens the tracker's distances by a share.
     pub fn scale_tracker(&mut self, by: S) {
         let slot = Slots::of(self.setup).tracker_scale;
-        self.deviations[slot] += by;
+        self.add(slot, by);
     }
 
     /// Torque of the load about a joint's axis, N·m (force along it for a prismatic one, N).

@@ -255,15 +255,9 @@ fn constant(setup: &Setup, term: &Term, p: &[f64]) -> Option<Vec<Push>> {
 fn push(setup: &Setup, term: &Term, p: &[f64], reading: &Reading) -> Push {
     let nodes = setup.robot.bodies.len();
     let mut deviations = vec![0.0; Slots::of(setup).count];
-    let mut posture = Posture {
-        setup,
-        reading,
-        wrenches: &vec![Vector6::zeros(); nodes],
-        sensed: Vector6::zeros(),
-        deviations: &mut deviations,
-        base_from_tracker: DualQuaternion::identity(),
-        link_from_target: DualQuaternion::identity(),
-    };
+    let still = vec![Vector6::zeros(); nodes];
+    let sensed = Vector6::zeros();
+    let mut posture = Posture::new(setup, reading, &still, sensed, &mut deviations);
     term.effect.perturb(p, &mut posture);
     Push {
         base_from_tracker: posture.base_from_tracker,

@@ -57,7 +57,6 @@ impl Workspace {
     ) {
         jacobian.fill(0.0);
         self.entries.clear();
-        self.dual_deviations.fill(constant(0.0));
         for index in 0..model.terms.len() {
             self.term_entries(model, index, p, wanted, reading, jacobian);
         }
@@ -126,26 +125,20 @@ impl Workspace {
 
     /// Change of what the wrist sensor reads with the true wrench, its effects included.
     fn sensor_gain(&mut self, model: &Model, p: &[f64], reading: &Reading) -> Matrix6<f64> {
-        self.dual_deviations.fill(constant(0.0));
         let mut sensed = self.sensed.map(constant);
         for k in 0..6 {
             sensed[k] = seeded(self.sensed[k], k);
         }
-        let mut posture = Posture {
-            setup: &model.setup,
-            reading,
-            wrenches: &self.dual_wrenches,
-            sensed,
-            deviations: &mut self.dual_deviations,
-            base_from_tracker: DualQuaternion::identity(),
-            link_from_target: DualQuaternion::identity(),
-        };
+        let wrenches = &self.dual_wrenches;
+        let duals = &mut self.dual_deviations;
+        let mut posture = Posture::new(&model.setup, reading, wrenches, sensed, duals);
         for term in &model.terms {
             if term.effect.stage() == Stage::Sensor {
                 let p: Vec<Dual> = term.of(p).iter().map(|&x| constant(x)).collect();
                 term.effect.perturb_dual(&p, &mut posture);
             }
         }
+        let touched = posture.touched();
         let mut gain = Matrix6::identity();
         for row in 0..6 {
             if let Some(rates) = rates(&self.dual_deviations[self.slots.sensed + row]) {
@@ -154,6 +147,7 @@ impl Workspace {
                 }
             }
         }
+        self.dual_deviations[touched].fill(constant(0.0));
         gain
     }
 
@@ -286,15 +280,10 @@ impl Workspace {
                     *dual = wrench.map(constant);
                 }
             }
-            let mut posture = Posture {
-                setup: &model.setup,
-                reading,
-                wrenches: &self.dual_wrenches,
-                sensed: self.sensed.map(constant),
-                deviations: &mut self.dual_deviations,
-                base_from_tracker: DualQuaternion::identity(),
-                link_from_target: DualQuaternion::identity(),
-            };
+            let wrenches = &self.dual_wrenches;
+            let sensed = self.sensed.map(constant);
+            let all = &mut self.dual_deviations;
+            let mut posture = Posture::new(&model.setup, reading, wrenches, sensed, all);
             if term.effect.stage() == Stage::Instrument {
                 // frames compose: all instrument effects act in turn, this one with derivatives
                 for (other, t) in model.terms.iter().enumerate() {
@@ -309,8 +298,10 @@ impl Workspace {
                 term.effect.perturb_dual(&duals, &mut posture);
             }
             let (tracker, target) = (posture.base_from_tracker, posture.link_from_target);
-            for (slot, value) in self.dual_deviations.iter_mut().enumerate() {
-                if let Some(rates) = rates(value) {
+            for slot in posture.touched() {
+                // clean for the next
+                let value = std::mem::replace(&mut self.dual_deviations[slot], constant(0.0));
+                if let Some(rates) = rates(&value) {
                     for (direction, &k) in chunk.iter().enumerate() {
                         if rates[direction] != 0.0 {
                             self.entries.push(Entry {
@@ -320,11 +311,7 @@ impl Workspace {
                             });
                         }
                     }
-                } else if value.re == 0.0 {
-                    continue;
                 }
-                // few are touched: to clean these alone is sooner done
-                *value = constant(0.0);
             }
             if term.effect.stage() == Stage::Instrument {
                 for (direction, &k) in chunk.iter().enumerate() {
@@ -369,15 +356,8 @@ impl Workspace {
         };
         let tried = |term: &Term, p: &[Dual], wrenches: &[Vector6<Dual>]| {
             let mut deviations = vec![constant(0.0); self.slots.count];
-            let mut posture = Posture {
-                setup,
-                reading,
-                wrenches,
-                sensed: Vector6::from_element(constant(0.0)),
-                deviations: &mut deviations,
-                base_from_tracker: DualQuaternion::identity(),
-                link_from_target: DualQuaternion::identity(),
-            };
+            let sensed = Vector6::from_element(constant(0.0));
+            let mut posture = Posture::new(setup, reading, wrenches, sensed, &mut deviations);
             term.effect.perturb_dual(p, &mut posture);
             let frames = [posture.base_from_tracker, posture.link_from_target];
             let frames = frames.iter().flat_map(|q| [q.real.coords, q.dual.coords]);

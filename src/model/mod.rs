@@ -180,6 +180,7 @@ pub struct Workspace {
     next: Vec<f64>,
     no_wrench: Vec<Vector6<f64>>,
     dual_wrenches: Vec<Vector6<Dual>>,
+    /// All zero but while an effect is asked: who asks one cleans up.
     dual_deviations: Vec<Dual>,
     frames: Frames,
     /// base_from_target of the posture last predicted, and the origin of the target's link.

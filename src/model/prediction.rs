@@ -36,15 +36,9 @@ impl Workspace {
             (false, Some(wrench)) => stacked(&wrench.force, &wrench.torque),
             _ => Vector6::zeros(),
         };
-        let mut posture = Posture {
-            setup: &model.setup,
-            reading,
-            wrenches: &self.no_wrench,
-            sensed: self.sensed,
-            deviations: &mut self.rigid,
-            base_from_tracker: DualQuaternion::identity(),
-            link_from_target: DualQuaternion::identity(),
-        };
+        let wrenches = &self.no_wrench;
+        let rigid = &mut self.rigid;
+        let mut posture = Posture::new(&model.setup, reading, wrenches, self.sensed, rigid);
         for term in &model.terms {
             match term.effect.stage() {
                 Stage::Elastic => {}
@@ -122,15 +116,9 @@ impl Workspace {
     /// What the wrist sensor reads of the known load: the truth, then the sensor's effects on it.
     fn sense(&mut self, model: &Model, p: &[f64], reading: &Reading) -> Vector6<f64> {
         self.sensed = self.statics.payload_wrench(&self.origin);
-        let mut posture = Posture {
-            setup: &model.setup,
-            reading,
-            wrenches: &self.no_wrench,
-            sensed: self.sensed,
-            deviations: &mut self.deviations,
-            base_from_tracker: DualQuaternion::identity(),
-            link_from_target: DualQuaternion::identity(),
-        };
+        let wrenches = &self.no_wrench;
+        let all = &mut self.deviations;
+        let mut posture = Posture::new(&model.setup, reading, wrenches, self.sensed, all);
         for term in &model.terms {
             if term.effect.stage() == Stage::Sensor {
                 term.effect.perturb(term.of(p), &mut posture);
@@ -207,15 +195,11 @@ impl Workspace {
     /// `next` = rigid deviations + elastic laws at the present wrenches.
     fn elastic_law(&mut self, model: &Model, p: &[f64], reading: &Reading) {
         self.next.copy_from_slice(&self.rigid);
-        let mut posture = Posture {
-            setup: &model.setup,
-            reading,
-            wrenches: &self.statics.local_wrench,
-            sensed: self.sensed,
-            deviations: &mut self.next,
-            base_from_tracker: self.frames.base_from_tracker,
-            link_from_target: self.frames.link_from_target,
-        };
+        let wrenches = &self.statics.local_wrench;
+        let next = &mut self.next;
+        let mut posture = Posture::new(&model.setup, reading, wrenches, self.sensed, next);
+        posture.base_from_tracker = self.frames.base_from_tracker;
+        posture.link_from_target = self.frames.link_from_target;
         for term in &model.terms {
             if term.effect.stage() == Stage::Elastic {
                 term.effect.perturb(term.of(p), &mut posture);
@@ -314,22 +298,17 @@ impl Workspace {
                 };
             }
         }
-        self.dual_deviations.fill(constant(0.0));
-        let mut posture = Posture {
-            setup: &model.setup,
-            reading,
-            wrenches: &self.dual_wrenches,
-            sensed: self.sensed.map(constant),
-            deviations: &mut self.dual_deviations,
-            base_from_tracker: DualQuaternion::identity(),
-            link_from_target: DualQuaternion::identity(),
-        };
+        let wrenches = &self.dual_wrenches;
+        let sensed = self.sensed.map(constant);
+        let duals = &mut self.dual_deviations;
+        let mut posture = Posture::new(&model.setup, reading, wrenches, sensed, duals);
         for term in model.terms.iter().filter(|term| wanted(term)) {
             let p: Vec<Dual> = term.of(p).iter().map(|&x| constant(x)).collect();
             term.effect.perturb_dual(&p, &mut posture);
         }
-        for (slot, value) in self.dual_deviations.iter().enumerate() {
-            if let Some(rates) = rates(value) {
+        for slot in posture.touched() {
+            let value = std::mem::replace(&mut self.dual_deviations[slot], constant(0.0));
+            if let Some(rates) = rates(&value) {
                 let compliance = rates.fixed_rows::<6>(0).into_owned();
                 if compliance != Vector6::zeros() {
                     let kind = self.slots.kind(slot);
