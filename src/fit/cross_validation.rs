@@ -1,7 +1,6 @@
 //! Cross-validation by pose: errors of poses that a fit has not seen.
 
 use super::noise::Whitener;
-use super::problem::ONE_IN;
 use super::residuals::{Errors, residuals, summarise};
 use super::solve::{self, Linear, Problem};
 use super::triangle::triangle;
@@ -18,6 +17,8 @@ const FEWEST_POSES: usize = 10;
 /// Of many readings the linear problem says what a fold's fit leaves of the poses left out: it is believed where the model
 /// agrees with the sum of squares to this share of it.
 const STRAIGHT: f64 = 1e-4;
+/// One in so many poses says how a step is straightened: a prime, so that a design's loads, which go round, are all there.
+const ONE_IN: usize = 17;
 
 /// Label of a reading's pose for grouping: its own, or its encoder angles.
 pub fn pose_key(reading: &Reading) -> (String, Vec<u64>) {
@@ -69,6 +70,17 @@ impl Problem for Kept<'_> {
     }
 }
 
+/// Where a fit of many readings ended.
+#[derive(Debug)]
+pub(super) struct Ended {
+    /// Where its last step began, by free parameters.
+    pub before: Vec<f64>,
+    /// The problem of each fold there.
+    pub folds: Vec<Linear>,
+    /// Of all readings that it fitted.
+    pub whiteners: Vec<Whitener>,
+}
+
 /// A fit and what it fitted.
 struct Fitted<'a> {
     campaign: &'a Campaign,
@@ -85,6 +97,7 @@ pub(super) fn cross_validated(
     fit: &Fit,
     readings: &[&Reading],
     whiteners: &[Whitener],
+    many: Option<&Ended>,
 ) -> Option<(Errors, usize)> {
     let poses = poses(readings);
     if poses
@@ -101,16 +114,15 @@ pub(super) fn cross_validated(
         whiteners,
         poses,
     };
-    let many = fit.folds.as_ref();
-    let many = many.filter(|_| fit.converged && fit.readings.0 == readings.len());
     // where the fit of all ended, all folds begin: the rows of each are computed there once
+    let own = (fit.converged && many.is_none()).then(|| fitted.by_folds());
     let ended = match many {
-        Some(ended) => Some(ended.clone()),
-        None => fit.converged.then(|| fitted.by_folds()),
+        Some(ended) => Some((&ended.before[..], &ended.folds[..])),
+        None => own.as_ref().map(|(at, folds)| (&at[..], &folds[..])),
     };
     let of_fold = |fold: usize| {
-        let one = many.and_then(|ended| fitted.one_step(fold, ended));
-        one.unwrap_or_else(|| fitted.refitted(fold, ended.as_ref()))
+        let one = many.and_then(|ended| fitted.one_step(fold, &ended.before, &ended.folds));
+        one.unwrap_or_else(|| fitted.refitted(fold, ended))
     };
     let mut stopped = 0;
     let mut left = vec![Row::zeros(); readings.len()];
@@ -169,28 +181,24 @@ impl Fitted<'_> {
     }
 
     /// What a fit without a fold leaves of it, and whether that converged.
-    fn refitted(&self, fold: usize, ended: Option<&(Vec<f64>, Vec<Linear>)>) -> (bool, Vec<Row>) {
+    fn refitted(&self, fold: usize, ended: Option<(&[f64], &[Linear])>) -> (bool, Vec<Row>) {
         let fit = self.fit;
         let start = self.start(fold);
         let centre = self.of_free(&start);
         let (part, whiteners) = self.parts(self.indices(|own| own != fold));
         let kept = Kept {
             problem: CampaignProblem::new(&fit.model, &part, &whiteners, &fit.free, &start),
-            known: ended.map(|(begin, folds)| (&begin[..], without(folds, fold))),
+            known: ended.map(|(begin, folds)| (begin, without(folds, fold))),
         };
         // where it ends, the prior decides; the first step may begin near it
-        let begin = ended.map_or(&centre, |(begin, _)| begin);
+        let begin = ended.map_or(&centre[..], |(begin, _)| begin);
         let found = solve::solve(&kept, begin, &centre, |_, _| {});
         let p = kept.problem.full(&found.p);
         (found.converged, self.left(fold, &p))
     }
 
     /// The same where one step is enough: of many readings a fifth moves the estimates that little.
-    fn one_step(
-        &self,
-        fold: usize,
-        (begin, folds): &(Vec<f64>, Vec<Linear>),
-    ) -> Option<(bool, Vec<Row>)> {
+    fn one_step(&self, fold: usize, begin: &[f64], folds: &[Linear]) -> Option<(bool, Vec<Row>)> {
         let fit = self.fit;
         let start = self.start(fold);
         let some = self.indices(|own| own != fold);

@@ -21,7 +21,9 @@ use nalgebra::{DMatrix, DVector};
 use noise::{PureError, Source, Whitener};
 use rayon::prelude::*;
 use solve::{Problem, Solution};
+use std::sync::Arc;
 
+use cross_validation::Ended;
 pub use cross_validation::{FOLDS, folds, pose_key};
 pub use problem::CampaignProblem;
 pub use rank::{LOST, Status, Unobservable};
@@ -154,8 +156,8 @@ pub struct Fit {
     pub iterations: usize,
     /// Sum of squares of the whitened misfit, prior included, at each step.
     pub costs: Vec<f64>,
-    /// Where the last step began, and the problem of each fold there; kept where there are many readings.
-    folds: Option<(Vec<f64>, Vec<solve::Linear>)>,
+    /// What its cross-validation begins with; kept where there are many readings.
+    ended: Option<Arc<Ended>>,
 }
 
 impl Fit {
@@ -234,19 +236,29 @@ impl Fit {
         }
         let readings = campaign.readings.iter();
         let readings: Vec<&Reading> = readings.filter(|r| r.split == Split::Fit).collect();
-        let start;
-        // where the fit itself took the shape of the noise
-        let at = match self.noise.source {
-            Source::Residual => &self.values,
-            _ => {
-                start = start_values(campaign, &self.model, &readings);
-                &start
+        let ended = self.ended.clone().filter(|_| self.converged);
+        let ended = ended.filter(|ended| ended.whiteners.len() == readings.len());
+        let own;
+        let whiteners = match &ended {
+            Some(ended) => &ended.whiteners,
+            None => {
+                // where the fit itself took the shape of the noise
+                let at = match self.noise.source {
+                    Source::Residual => self.values.clone(),
+                    _ => start_values(campaign, &self.model, &readings),
+                };
+                own = noise::whiteners(&self.model, &at, &readings, &self.noise.shape);
+                &own
             }
         };
-        let whiteners = noise::whiteners(&self.model, at, &readings, &self.noise.shape);
-        let Some((errors, stopped)) =
-            cross_validation::cross_validated(campaign, self, &readings, &whiteners)
-        else {
+        let found = cross_validation::cross_validated(
+            campaign,
+            self,
+            &readings,
+            whiteners,
+            ended.as_deref(),
+        );
+        let Some((errors, stopped)) = found else {
             return;
         };
         self.heldout = Some(errors);
@@ -675,7 +687,12 @@ fn finish(
         converged: estimate.solution.converged,
         iterations: estimate.solution.iterations,
         costs: estimate.costs,
-        folds: Some((estimate.solution.before, estimate.solution.linear.folds))
-            .filter(|(_, folds)| !folds.is_empty()),
+        ended: (!estimate.solution.linear.folds.is_empty()).then(|| {
+            Arc::new(Ended {
+                before: estimate.solution.before,
+                folds: estimate.solution.linear.folds,
+                whiteners: estimate.whiteners,
+            })
+        }),
     }
 }

@@ -21,7 +21,7 @@ const BLOCK: usize = 48;
 /// Readings that are not alike from which on a fit begins with some of them.
 const MANY: usize = 2_000;
 /// One in so many of them: a prime, so that a design's loads and directions, which go round, are all there.
-pub(super) const ONE_IN: usize = 7;
+const ONE_IN: usize = 7;
 
 /// A model and readings as a least-squares problem over the free parameters.
 pub struct CampaignProblem<'a> {
