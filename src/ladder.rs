@@ -151,7 +151,7 @@ pub fn climb(
         stop.is_some_and(|stop| stop.reached(rung, rungs, fit))
     };
     let start = model_file::model(campaign, effects, None)?;
-    diagnosis::check_size(campaign, &start, own)?;
+    diagnosis::check(campaign, &start, own)?;
     let default = model_file::model(campaign, None, None)?;
     let mut steps: Vec<(String, Fit)> = Vec::new();
     // joint_offset is part of geometry: a rung of its own, then replaced

@@ -1349,6 +1349,19 @@ fn a_law_of_a_users_own_is_tried_beside_the_catalogue() {
         refused(at, &given, &["bad.toml", "cable_pull"]);
         let given = [command, "s.mcap", "--candidates", "gone.toml"];
         refused(at, &given, &["gone.toml", "No such file"]);
+        // one law without a value would leave none to all others
+        for (other, why) in [
+            ("a*asin(q1)", "no value or no slope here"),
+            ("a*temperature", "temperature_degC"),
+        ] {
+            write(
+                at,
+                "bad.toml",
+                &law("effect", "").replace("a*sin(q3)*cos(q2)", other),
+            );
+            let given = [command, "s.mcap", "--candidates", "bad.toml"];
+            refused(at, &given, &["line ", "cable_pull", why]);
+        }
     }
     assert!(!at.join("out.toml").exists(), "nothing is written");
 }

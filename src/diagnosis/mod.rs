@@ -216,7 +216,7 @@ pub fn diagnose_until(
     mut on_step: impl FnMut(&str),
     enough: impl Fn(usize, Option<&str>, &Fit) -> bool,
 ) -> Result<Diagnosis, FitError> {
-    check_size(campaign, model, own)?;
+    check(campaign, model, own)?;
     on_step("fitting the base model");
     let mut campaign = campaign.clone();
     let mut base = finite_fit(&campaign, model, None)?;
@@ -415,8 +415,8 @@ pub fn diagnose_until(
     })
 }
 
-/// Refuses what would fill the memory, before anything is computed.
-pub(crate) fn check_size(
+/// Refuses what would fill the memory, and laws of the user's own that a reading gives no value, before anything is computed.
+pub(crate) fn check(
     campaign: &Campaign,
     model: &Model,
     own: &[Arc<dyn AnyEffect>],
@@ -431,7 +431,7 @@ pub(crate) fn check_size(
     let fitted = || campaign.readings.iter().filter(|r| r.split == Split::Fit);
     let numbers = fitted().map(rows).sum::<usize>().saturating_mul(columns);
     if numbers <= LARGEST {
-        return Ok(());
+        return fit::check_laws(campaign, model, own);
     }
     let readings = fitted().count();
     Err(FitError::TooLarge {

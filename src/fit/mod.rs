@@ -15,6 +15,7 @@ pub mod start;
 pub(crate) mod triangle;
 
 use crate::campaign::{Campaign, Noise, Reading, Split};
+use crate::effects::AnyEffect;
 use crate::model::{Model, Workspace, pose_numbers};
 use alike::Alike;
 use nalgebra::{DMatrix, DVector};
@@ -385,6 +386,26 @@ fn no_number(campaign: &Campaign, model: &Model, p: &[f64], slopes: bool) -> Opt
         |workspace, group| find(workspace, readings[group[0]]),
     );
     found.find_map_first(|error| error)
+}
+
+/// Do laws that are to be tried beside a model have a value and slopes at every reading?
+///
+/// # Errors
+/// The first that has none, and where.
+pub fn check_laws(
+    campaign: &Campaign,
+    model: &Model,
+    own: &[Arc<dyn AnyEffect>],
+) -> Result<(), FitError> {
+    for effect in own.iter().filter(|effect| !model.has(effect.id())) {
+        let mut alone = model.with(effect);
+        let p = alone.start();
+        alone.terms.retain(|term| Arc::ptr_eq(&term.effect, effect));
+        if let Some(error) = no_number(campaign, &alone, &p, true) {
+            return Err(error);
+        }
+    }
+    Ok(())
 }
 
 /// Errors that are not numbers, said in words: the model has no equilibrium at some reading, or an effect's law no
