@@ -616,6 +616,11 @@ fn one_wrong_number_is_found_by_its_line() {
         text.contains("239 readings · 1 rejected (lines 8)"),
         "{text}"
     );
+    let page = [&quick("report")[..], &["-o", "page.html"]].concat();
+    for text in [done(at, &quick("ladder")), done(at, &page)] {
+        let title = text.lines().next().unwrap();
+        assert!(title.contains(" · 1 rejected (lines 8)"), "{text}");
+    }
 }
 
 #[test]

@@ -7,7 +7,7 @@ use crate::fit::Options;
 use crate::ladder;
 use crate::model_file;
 use crate::plan::Separation;
-use crate::report::diagnosis::words_of_verdict;
+use crate::report::diagnosis::{rejected, words_of_verdict};
 use crate::report::format::{count, wrap};
 use crate::report::html::{Origin, Results, Step, page};
 use anyhow::Context;
@@ -84,12 +84,15 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     write(&arguments.output, &campaign, &results, &origin)?;
     spinner.finish_and_clear();
     let commands: Vec<&str> = origin.next.iter().map(|s| s.command.as_str()).collect();
-    let title = format!(
+    let mut title = format!(
         "{} · robot {} · {} fitted",
         campaign.name,
         campaign.robot.name,
         count(ladder.last.fit.readings.0, "reading")
     );
+    if let Some(rejected) = rejected(&ladder.last) {
+        title = format!("{title} · {rejected}");
+    }
     print(&format!(
         "{}\n{}\n\n{}\nnext     {}\n",
         wrap(&title, 9),

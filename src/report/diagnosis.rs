@@ -172,14 +172,22 @@ fn promise(plan: &Separation) -> String {
     out
 }
 
+/// Readings that were rejected, if any: how many, and where they stand.
+pub fn rejected(diagnosis: &Diagnosis) -> Option<String> {
+    match diagnosis.rejected.len() {
+        0 => None,
+        n => Some(format!(
+            "{n} rejected (lines {})",
+            lines(&diagnosis.rejected)
+        )),
+    }
+}
+
 /// The report.
 pub fn text(campaign: &Campaign, diagnosis: &Diagnosis, next: Option<&Separation>) -> String {
     let mut out = String::new();
     let base = &diagnosis.base;
-    let rejected = match diagnosis.rejected.len() {
-        0 => "none rejected".to_owned(),
-        n => format!("{n} rejected (lines {})", lines(&diagnosis.rejected)),
-    };
+    let rejected = rejected(diagnosis).unwrap_or_else(|| "none rejected".to_owned());
     let title = format!(
         "{} · robot {} · {} · {rejected}",
         campaign.name,

@@ -1,7 +1,7 @@
 //! A ladder on the terminal, and as JSON.
 
 use super::diagnosis::{
-    DiagnosisDocument, document as diagnosis_document, p_value, refusal, waves, words,
+    DiagnosisDocument, document as diagnosis_document, p_value, refusal, rejected, waves, words,
     words_of_verdict,
 };
 use super::format::{angle, length, number, render, table, wrap};
@@ -70,10 +70,13 @@ pub fn text(campaign: &Campaign, ladder: &Ladder) -> String {
             "█".repeat(bar),
         ]);
     }
-    let title = format!(
+    let mut title = format!(
         "{} · robot {} · position error, rms, rung by rung",
         campaign.name, campaign.robot.name
     );
+    if let Some(rejected) = rejected(&ladder.last) {
+        let _ = write!(title, " · {rejected} from the diagnosis on");
+    }
     let floor = match ladder.floor_m {
         Some(floor) => format!("noise    alone would leave {}", length(floor)),
         None => "noise    its size is not known: no repeats, none in the campaign file".to_owned(),
