@@ -269,8 +269,7 @@ fn poses_left_out_of_many_are_predicted_as_by_fits_without_them() {
         let count: f64 = left_out.iter().map(|(count, _)| count).sum();
         (squares.sum::<f64>() / count).sqrt()
     };
-    // half of the share of a sum of squares to which a step is believed
-    let alike = |found: f64, expected: f64| (found / expected - 1.0).abs() < 5e-5;
+    let alike = |found: f64, expected: f64| (found / expected - 1.0).abs() < 1e-5;
     let position = rms(|own| own.position_rms_m);
     assert!(
         alike(found.position_rms_m, position),

@@ -415,8 +415,18 @@ pub fn diagnose_until(
     })
 }
 
-/// Refuses what would fill the memory, and laws of the user's own that a reading gives no value, before anything is computed.
+/// Refuses what would fill the memory, and laws of the user's own that have no value at a reading, before anything is
+/// computed.
 pub(crate) fn check(
+    campaign: &Campaign,
+    model: &Model,
+    own: &[Arc<dyn AnyEffect>],
+) -> Result<(), FitError> {
+    check_size(campaign, model, own)?;
+    fit::check_laws(campaign, model, own)
+}
+
+fn check_size(
     campaign: &Campaign,
     model: &Model,
     own: &[Arc<dyn AnyEffect>],
@@ -431,7 +441,7 @@ pub(crate) fn check(
     let fitted = || campaign.readings.iter().filter(|r| r.split == Split::Fit);
     let numbers = fitted().map(rows).sum::<usize>().saturating_mul(columns);
     if numbers <= LARGEST {
-        return fit::check_laws(campaign, model, own);
+        return Ok(());
     }
     let readings = fitted().count();
     Err(FitError::TooLarge {

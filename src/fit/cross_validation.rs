@@ -17,8 +17,9 @@ const FEWEST_POSES: usize = 10;
 /// Of many readings the linear problem says what a fold's fit leaves of the poses left out: it is believed where the model
 /// agrees with the sum of squares to this share of it.
 const STRAIGHT: f64 = 1e-4;
-/// One in so many poses says how a step is straightened: a prime, so that a design's loads, which go round, are all there.
-const ONE_IN: usize = 17;
+/// About so many poses of each fold say how a step is straightened, neighbours of all folds together: what changes from pose
+/// to pose in a design is there.
+const SOME: usize = 25;
 
 /// Label of a reading's pose for grouping: its own, or its encoder angles.
 pub fn pose_key(reading: &Reading) -> (String, Vec<u64>) {
@@ -201,8 +202,10 @@ impl Fitted<'_> {
     fn one_step(&self, fold: usize, begin: &[f64], folds: &[Linear]) -> Option<(bool, Vec<Row>)> {
         let fit = self.fit;
         let start = self.start(fold);
+        let rounds = self.poses.iter().max().map_or(0, |last| last / FOLDS);
+        let one_in = (rounds / SOME).max(1);
         let some = self.indices(|own| own != fold);
-        let some = some.filter(|&i| (self.poses[i] / FOLDS).is_multiple_of(ONE_IN));
+        let some = some.filter(|&i| (self.poses[i] / FOLDS).is_multiple_of(one_in));
         let (part, whiteners) = self.parts(some);
         let some = CampaignProblem::new(&fit.model, &part, &whiteners, &fit.free, &start);
         let centre = self.of_free(&start);

@@ -18,13 +18,13 @@ use crate::campaign::{Campaign, Noise, Reading, Split};
 use crate::effects::AnyEffect;
 use crate::model::{Model, Workspace, pose_numbers};
 use alike::Alike;
+use cross_validation::Ended;
 use nalgebra::{DMatrix, DVector};
 use noise::{PureError, Source, Whitener};
 use rayon::prelude::*;
 use solve::{Problem, Solution};
 use std::sync::Arc;
 
-use cross_validation::Ended;
 pub use cross_validation::{FOLDS, folds, pose_key};
 pub use problem::CampaignProblem;
 pub use rank::{LOST, Status, Unobservable};

@@ -7,7 +7,7 @@
 use super::alike::Alike;
 use crate::campaign::{Campaign, Noise, Reading};
 use crate::dual_quaternion::rotation_vector;
-use crate::model::{Model, Row, Rows, stacked, wrench_is_measured};
+use crate::model::{Model, Row, Rows, Workspace, stacked, wrench_is_measured};
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use rayon::prelude::*;
 
@@ -100,10 +100,7 @@ impl Whitener {
 
 /// Covariance of the readings as the noise model says, at the parameters `p`.
 pub fn whiteners(model: &Model, p: &[f64], readings: &[&Reading], noise: &Noise) -> Vec<Whitener> {
-    match noise.joint > 0.0 {
-        true => whiteners_alike(&Alike::of(model, readings), model, p, readings, noise),
-        false => whiteners_where(readings, noise, |_| Matrix6::zeros()),
-    }
+    whiteners_alike(&Alike::of(model, readings), model, p, readings, noise)
 }
 
 /// The same where it is known which readings are alike.
@@ -114,15 +111,16 @@ pub(super) fn whiteners_alike(
     readings: &[&Reading],
     noise: &Noise,
 ) -> Vec<Whitener> {
-    if noise.joint == 0.0 {
-        return whiteners_where(readings, noise, |_| Matrix6::zeros());
-    }
     let joints = model.setup.robot.joints.len();
-    let squares = alike.map(model, readings, |workspace, reading| {
+    let of_group = |workspace: &mut Workspace, reading: &Reading| {
         let mut jacobian = Rows::zeros(joints);
         workspace.joint_jacobian(model, p, reading, &mut jacobian);
         squares(&jacobian)
-    });
+    };
+    let squares = match noise.joint > 0.0 {
+        true => alike.map(model, readings, of_group),
+        false => vec![Matrix6::zeros(); readings.len()],
+    };
     whiteners_where(readings, noise, |index| squares[index])
 }
 
