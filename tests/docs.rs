@@ -450,7 +450,7 @@ fn figures_of_the_limits_are_those_of_the_readme() {
         "0.50 s",
         "0.19 s",
         "0.35 s of one core",
-        "4.6 to 5.0 s",
+        "4.5 to 5.0 s",
         "588",
         "3.2 %",
         "26.7 %",
