@@ -8,18 +8,18 @@
 #![allow(missing_docs, clippy::unwrap_used)]
 
 use criterion::{BatchSize, BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use misfit::campaign::{Campaign, Reading, Split};
-use misfit::compensation::{Reach, Robot, solve};
-use misfit::diagnosis::diagnose;
-use misfit::fit::{Options, fit};
-use misfit::ladder;
-use misfit::map;
-use misfit::model::{Model, Rows, Workspace};
-use misfit::model_file;
-use misfit::plan::space::Space;
-use misfit::plan::{Aim, Task, precise, separate};
-use misfit::plant::{Command, Plant};
-use misfit::scenario::{Job, Scenario, design, planned, simulate};
+use misfit_campaign::space::Space;
+use misfit_campaign::{Campaign, Reading, Split};
+use misfit_cell::scenario::{Job, Scenario, design, planned, simulate};
+use misfit_core::compensation::{Reach, Robot, solve};
+use misfit_core::diagnosis::diagnose;
+use misfit_core::fit::{Options, fit};
+use misfit_core::ladder;
+use misfit_core::map;
+use misfit_core::model::{Model, Rows, Workspace};
+use misfit_core::model_file;
+use misfit_core::plan::{Aim, Task, precise, separate};
+use misfit_plant::{Command, Plant};
 use std::path::Path;
 
 const OPTIONS: Options = Options {
@@ -121,7 +121,7 @@ fn model(c: &mut Criterion) {
 }
 
 fn true_values(scenario: &Scenario, model: &Model) -> Vec<f64> {
-    misfit::scenario::efficiency::true_values(scenario, model)
+    misfit_cell::scenario::efficiency::true_values(scenario, model)
 }
 
 fn statics(c: &mut Criterion) {
@@ -156,12 +156,12 @@ fn recording(c: &mut Criterion) {
     group.bench_function("write MCAP", |b| {
         b.iter_batched(
             || (),
-            |()| misfit::recording::write_campaign(&campaign, &path, &Default::default()),
+            |()| misfit_campaign::recording::write_campaign(&campaign, &path, &Default::default()),
             BatchSize::PerIteration,
         );
     });
     group.bench_function("read MCAP", |b| {
-        b.iter(|| misfit::recording::read_campaign(&path).unwrap());
+        b.iter(|| misfit_campaign::recording::read_campaign(&path).unwrap());
     });
     group.finish();
 }
@@ -183,7 +183,11 @@ fn plans(c: &mut Criterion) {
         candidates: 200,
         seed: 1,
     };
-    let effect = |id: &str| misfit::effects::find(id).unwrap().make(toml::Table::new());
+    let effect = |id: &str| {
+        misfit_core::effects::find(id)
+            .unwrap()
+            .make(toml::Table::new())
+    };
     let pair = ["joint_hardening", "gravity_backlash"].map(|id| effect(id).unwrap());
     let one = rayon::ThreadPoolBuilder::new()
         .num_threads(1)
@@ -248,7 +252,7 @@ fn compensation(c: &mut Criterion) {
     let robot = Robot::new(&model, &values);
     let setup = &model.setup;
     let space = Space::within_limits(&setup.robot, 0.1);
-    let mut random = misfit::plan::space::generator(1, 1);
+    let mut random = misfit_campaign::space::generator(1, 1);
     let mut workspace = Workspace::new(setup);
     let reach = Reach {
         moving: setup.robot.chain(setup.target_body(0)),
@@ -260,7 +264,7 @@ fn compensation(c: &mut Criterion) {
         .find(|r| r.target == 0)
         .unwrap()
         .clone();
-    task.payload = task.payload.map(|payload| misfit::campaign::Payload {
+    task.payload = task.payload.map(|payload| misfit_campaign::Payload {
         mass: 5.0,
         ..payload
     });
@@ -312,7 +316,7 @@ fn maps(c: &mut Criterion) {
     };
     let posture = wanted.posture(setup, space);
     let grid = wanted.grid(setup, 0, &posture, &reach).unwrap();
-    let load = misfit::campaign::Payload {
+    let load = misfit_campaign::Payload {
         mass: 5.0,
         com: nalgebra::Vector3::zeros(),
     };

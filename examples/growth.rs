@@ -8,14 +8,14 @@
 mod processor;
 
 use anyhow::{Context, ensure};
-use misfit::campaign::Campaign;
-use misfit::diagnosis::diagnose;
-use misfit::effects::{self, AnyEffect};
-use misfit::fit::{Fit, Options, fit};
-use misfit::model::{Model, Rows, Workspace};
-use misfit::model_file;
-use misfit::plant::{Command, Plant};
-use misfit::scenario::{Scenario, design, simulate};
+use misfit_campaign::Campaign;
+use misfit_cell::scenario::{Scenario, design, simulate};
+use misfit_core::diagnosis::diagnose;
+use misfit_core::effects::{self, AnyEffect};
+use misfit_core::fit::{Fit, Options, fit};
+use misfit_core::model::{Model, Rows, Workspace};
+use misfit_core::model_file;
+use misfit_plant::{Command, Plant};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::process;

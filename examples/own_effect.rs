@@ -4,14 +4,14 @@
 //! `misfit effects show expression`. This is the way for what takes more: parameters by joint, options, springs.
 
 use anyhow::{Context, ensure};
-use misfit::dual_quaternion::Scalar;
-use misfit::effects::{Effect, Parameter, Stage};
-use misfit::fit::{Options, fit};
-use misfit::model_file;
-use misfit::plant::{PlantError, PlantSpec};
-use misfit::posture::Posture;
-use misfit::scenario::{Scenario, Truth, simulate::simulate};
-use misfit::setup::Setup;
+use misfit_arm::dual_quaternion::Scalar;
+use misfit_campaign::setup::Setup;
+use misfit_cell::scenario::{Scenario, Truth, simulate::simulate};
+use misfit_core::effects::{Effect, Parameter, Stage};
+use misfit_core::fit::{Options, fit};
+use misfit_core::model_file;
+use misfit_core::posture::Posture;
+use misfit_truth::{PlantSpec, SpecError};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -40,7 +40,7 @@ impl Effect for Hose {
     }
 
     /// The plant's side: MuJoCo's springs come to rest where the hose lets them.
-    fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), PlantError> {
+    fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), SpecError> {
         let (pairs, p) = (setup.observed.clone(), p.to_vec());
         plant.command_laws.push(Arc::new(move |command, angles| {
             for (pair, stiffness) in pairs.windows(2).zip(&p) {
@@ -60,7 +60,7 @@ fn main() -> anyhow::Result<()> {
     scenario.name = "hose".to_owned();
 
     // the hidden truth: the hose in the place of the scenario's gear error
-    let hose = misfit::effects::own(Hose);
+    let hose = misfit_core::effects::own(Hose);
     let size = |name: &str| match name {
         "r1_e" => 6e-4,
         _ => 0.0,

@@ -8,10 +8,10 @@
 mod processor;
 
 use anyhow::{Context, ensure};
-use misfit::campaign::{Campaign, Split};
-use misfit::fit::{Options, fit};
-use misfit::model::Workspace;
-use misfit::model_file;
+use misfit_campaign::{Campaign, Split};
+use misfit_core::fit::{Options, fit};
+use misfit_core::model::Workspace;
+use misfit_core::model_file;
 use std::path::Path;
 use std::time::Instant;
 

@@ -1,6 +1,6 @@
 //! What the targets share: folders in memory, with the files that an input stands beside.
 
-use misfit::robot::Robot;
+use misfit_arm::robot::Robot;
 use std::fs;
 use std::path::{Path, PathBuf};
 

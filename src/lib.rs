@@ -1,30 +1,12 @@
-//! A virtual calibration lab for serial robot arms.
+//! The command line of `misfit`: a virtual calibration lab for robot arms.
 #![doc = ""]
 
-pub mod bag;
-pub mod campaign;
 pub mod cli;
-pub mod compensation;
-pub mod diagnosis;
-pub mod dual_quaternion;
-pub mod effects;
-pub mod export;
-pub mod fit;
-pub mod formula;
-pub mod input;
-pub mod ladder;
-pub mod map;
-pub mod model;
-pub mod model_file;
-pub mod mujoco;
-pub mod plan;
-pub mod plant;
-pub mod plot;
-pub mod posture;
-pub mod recording;
-pub mod report;
-pub mod robot;
-pub mod scenario;
-pub mod setup;
-pub mod statics;
-pub mod sweep;
+
+use misfit_arm::input;
+use misfit_campaign::{self as campaign, bag, recording, setup, space};
+use misfit_cell::{scenario, sweep};
+use misfit_core::{
+    compensation, diagnosis, effects, export, fit, ladder, map, model, model_file, plan,
+};
+use misfit_report::{self as report, plot};

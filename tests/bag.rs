@@ -2,9 +2,9 @@
 
 use crate::common::{bodies, file, random, vector};
 use mcap::records::MessageHeader;
-use misfit::bag::{self, Import, Spec, clock};
-use misfit::recording::{RecordingError, Samples, read_bag};
-use misfit::robot::Robot;
+use misfit_arm::robot::Robot;
+use misfit_campaign::bag::{self, Import, Spec, clock};
+use misfit_campaign::recording::{RecordingError, Samples, read_bag};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use rand::RngExt;

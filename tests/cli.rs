@@ -1999,7 +1999,7 @@ fn a_plan_is_commands_for_the_next_campaign() {
     let campaign = "robot = \"arm.urdf\"\ntable = \"filled.csv\"\n[[target]]\nname = \"t\"\nlink = \"flange\"\n";
     write(at, "filled.toml", campaign);
     assert_eq!(
-        misfit::campaign::Campaign::load(&at.join("filled.toml"))
+        misfit_campaign::Campaign::load(&at.join("filled.toml"))
             .unwrap()
             .readings
             .len(),
@@ -2174,8 +2174,8 @@ fn plans_that_cannot_be_made_are_refused() {
 
 #[test]
 fn what_was_found_is_recorded() {
-    use misfit::campaign::Split;
-    use misfit::recording::{Results, read_recording};
+    use misfit_campaign::Split;
+    use misfit_campaign::recording::{Results, read_recording};
     let folder = TempDir::new().unwrap();
     let at = folder.path();
     write(at, "cell.toml", &cell());

@@ -5,11 +5,11 @@ use crate::common::{
     Twins, about_typical, apart, file, payload, posture, random, sda5f, sliding, springs,
 };
 use assert_cmd::Command;
-use misfit::campaign::{Reading, Wrench};
-use misfit::compensation::{End, Reach, Robot, error, solve};
-use misfit::model::{Prediction, Workspace};
-use misfit::plan::space::Space;
-use misfit::setup::Setup;
+use misfit_campaign::setup::Setup;
+use misfit_campaign::space::Space;
+use misfit_campaign::{Reading, Wrench};
+use misfit_core::compensation::{End, Reach, Robot, error, solve};
+use misfit_core::model::{Prediction, Workspace};
 use nalgebra::{DMatrix, Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 use rand::RngExt;
 use serde_json::Value;
@@ -310,10 +310,10 @@ fn a_process_wrench_pulls_beside_the_weight() {
         let moment = Vector3::from_fn(|_, _| random.random_range(-3.0..3.0));
         let state = twins
             .plant
-            .state(&misfit::plant::Command {
+            .state(&misfit_plant::Command {
                 joints: reading.joints.clone(),
                 approach: vec![0.0; reading.joints.len()],
-                loads: vec![misfit::plant::Load {
+                loads: vec![misfit_plant::Load {
                     target: 0,
                     mass: 2.0,
                     com: payload(2.0).com,

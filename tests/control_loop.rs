@@ -2,11 +2,11 @@
 
 use crate::common::file;
 use assert_cmd::Command;
-use misfit::plant::{self, Load, Plant};
-use misfit::recording::read_campaign;
-use misfit::scenario::control_loop::{Looped, hold};
-use misfit::scenario::simulate::plant_spec;
-use misfit::scenario::{Job, Scenario};
+use misfit_campaign::recording::read_campaign;
+use misfit_cell::scenario::control_loop::{Looped, hold};
+use misfit_cell::scenario::simulate::plant_spec;
+use misfit_cell::scenario::{Job, Scenario};
+use misfit_plant::{Load, Plant};
 use nalgebra::{Matrix3, Vector3};
 use serde_json::Value;
 use std::fs;
@@ -119,7 +119,7 @@ fn compliance(scenario: &Scenario, joints: &[f64], at: Vector3<f64>) -> Matrix3<
             pull,
             moment: Vector3::zeros(),
         };
-        let state = plant.state(&plant::Command {
+        let state = plant.state(&misfit_plant::Command {
             joints: joints.to_vec(),
             approach: vec![1.0; joints.len()],
             loads: vec![tool, pulled],

@@ -435,7 +435,7 @@ fn what_is_not_run_here_is_run_by_a_target() {
 #[test]
 fn the_number_of_effects_is_that_of_the_catalogue() {
     // all but that which is a law of the user's own
-    let count = misfit::effects::CATALOGUE.len() - 1;
+    let count = misfit_core::effects::CATALOGUE.len() - 1;
     assert!(text("README.md").contains(&format!("one of {count} effects")));
     assert!(text("docs/guide/01-install.md").contains(&format!("{count} physical effects")));
 }

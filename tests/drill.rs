@@ -1,10 +1,10 @@
 //! Drilling: cutting forces against their source in its own units, contact by statics, holes by what must come out.
 
-use misfit::campaign::Noise;
-use misfit::scenario::drill::cutting::{Drill, Layer};
-use misfit::scenario::drill::summary::{summary, tare, without};
-use misfit::scenario::drill::{Bored, Drilling, Mode, bore};
-use misfit::scenario::{Job, Scenario};
+use misfit_campaign::Noise;
+use misfit_cell::scenario::drill::cutting::{Drill, Layer};
+use misfit_cell::scenario::drill::summary::{summary, tare, without};
+use misfit_cell::scenario::drill::{Bored, Drilling, Mode, bore};
+use misfit_cell::scenario::{Job, Scenario};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use std::path::Path;
@@ -356,7 +356,7 @@ fn ticks_curves_and_recordings_are_kept() {
     }
     for mode in ["nominal", "corrected", "loop"] {
         let path = out.path().join(format!("changed.{mode}.mcap"));
-        let campaign = misfit::recording::read_campaign(&path).unwrap();
+        let campaign = misfit_campaign::recording::read_campaign(&path).unwrap();
         // both sensors, by turns
         assert_eq!(campaign.readings.len(), 2 * ticks / 3, "{mode}");
         assert!(campaign.readings.iter().all(|r| r.wrench.is_some()));

@@ -6,14 +6,14 @@ use crate::common::{
     posture, random, reading, sda5f, setup, six_axis, sliding, springs,
 };
 use assert_cmd::Command;
-use misfit::campaign::{Campaign, Reading, RobotFile};
-use misfit::export::{Calibrated, ExportError, dh, urdf};
-use misfit::fit::{self, Options};
-use misfit::model::{Model, Workspace, pose_numbers};
-use misfit::model_file;
-use misfit::mujoco::{Data, Kind};
-use misfit::robot::{JointKind, Robot};
-use misfit::setup::Setup;
+use misfit_arm::robot::{JointKind, Robot};
+use misfit_campaign::setup::Setup;
+use misfit_campaign::{Campaign, Reading, RobotFile};
+use misfit_core::export::{Calibrated, ExportError, dh, urdf};
+use misfit_core::fit::{self, Options};
+use misfit_core::model::{Model, Workspace, pose_numbers};
+use misfit_core::model_file;
+use misfit_plant::mujoco::{Data, Kind};
 use nalgebra::{Isometry3, Vector3};
 use proptest::prelude::*;
 use rand::{Rng, RngExt};
@@ -127,7 +127,7 @@ fn a_urdf_stands_where_the_model_says_and_mujoco_reads_it_so() {
         let folder = TempDir::new().unwrap();
         let path = folder.path().join("out.urdf");
         fs::write(&path, &made.text).unwrap();
-        let mujoco = misfit::mujoco::Model::from_xml_file(&path).unwrap();
+        let mujoco = misfit_plant::mujoco::Model::from_xml_file(&path).unwrap();
         let mut mujoco = Data::new(mujoco).unwrap();
         let mut workspace = Workspace::new(&setup);
         for _ in 0..100 {

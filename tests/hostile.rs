@@ -1,20 +1,20 @@
 //! Input that fights back: what is too large, too deep, endless, or leads elsewhere is refused with one clear message,
 //! soon and without much memory. The limits, with the tests that hold them, stand in `docs/faults.md`.
 
-use crate::campaign::{DH_TABLE, TWO_ARMS, assert_same};
 use crate::cli::{misfit, refused};
+use crate::two_arms::{DH_TABLE, TWO_ARMS, assert_same};
 use mcap::records::MessageHeader;
-use misfit::campaign::{Campaign, CampaignError};
-use misfit::diagnosis::diagnose;
-use misfit::effects::{self, table::MOST_EFFECTS};
-use misfit::fit::{self, Options};
-use misfit::formula::Formula;
-use misfit::input::{InputError, LARGEST_TABLE, LARGEST_TOML, LARGEST_URDF};
-use misfit::ladder;
-use misfit::model_file;
-use misfit::recording::{self, Beside, RecordingError, read_bag, read_recording};
-use misfit::robot::{Robot, RobotError};
-use misfit::scenario::Scenario;
+use misfit_arm::formula::Formula;
+use misfit_arm::input::{InputError, LARGEST_TABLE, LARGEST_TOML, LARGEST_URDF};
+use misfit_arm::robot::{Robot, RobotError};
+use misfit_campaign::recording::{self, Beside, RecordingError, read_bag, read_recording};
+use misfit_campaign::{Campaign, CampaignError, LoadError};
+use misfit_cell::scenario::Scenario;
+use misfit_core::diagnosis::diagnose;
+use misfit_core::effects::{self, table::MOST_EFFECTS};
+use misfit_core::fit::{self, Options};
+use misfit_core::ladder;
+use misfit_core::model_file;
 use proptest::prelude::*;
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -745,7 +745,7 @@ fn a_limit_is_an_error_of_its_own_kind() {
         limit: "4 MB".into(),
     };
     assert!(
-        matches!(&error, CampaignError::Read { source: InputError::TooLarge { limit }, .. } if limit == "4 MB")
+        matches!(&error, LoadError::Campaign(CampaignError::Read { source: InputError::TooLarge { limit }, .. }) if limit == "4 MB")
     );
     says(&source, &["4 MB"]);
     let error = Robot::load(&folder.path().join("gone.urdf"), None).unwrap_err();

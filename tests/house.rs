@@ -1,6 +1,6 @@
 //! The invariants of ARCHITECTURE.md that can be read off the sources.
 
-use misfit::effects::CATALOGUE;
+use misfit_core::effects::CATALOGUE;
 use std::fs;
 use std::path::{Path, PathBuf};
 

@@ -1,17 +1,17 @@
 //! Maps of the workspace: grids, postures, the model against MuJoCo, files and refusals.
 
 use assert_cmd::Command;
-use misfit::campaign::Payload;
-use misfit::compensation::{Reach, Robot};
-use misfit::map::{By, Map, Request, Which, postures};
-use misfit::model_file;
-use misfit::scenario::mapped::{agreement, last_load, map};
-use misfit::scenario::{Scenario, efficiency, simulate};
+use misfit_campaign::Payload;
+use misfit_cell::scenario::mapped::{agreement, last_load, map};
+use misfit_cell::scenario::{Scenario, efficiency, simulate};
+use misfit_core::compensation::{Reach, Robot};
+use misfit_core::map::{By, Map, Request, Which, postures};
+use misfit_core::model_file;
 use std::path::Path;
 
 fn scenario() -> Scenario {
     let mut scenario = Scenario::load(Path::new("scenarios/map.toml")).unwrap();
-    scenario.noise = misfit::campaign::Noise::default();
+    scenario.noise = misfit_campaign::Noise::default();
     scenario.design.poses = 2;
     scenario
 }

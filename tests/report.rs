@@ -2,7 +2,7 @@
 //! How it looks in a browser is seen to by `make pages`.
 
 use assert_cmd::Command;
-use misfit::report::format::{angle, length, number, significant};
+use misfit_report::format::{angle, length, number, significant};
 use roxmltree::{Document, Node, ParsingOptions};
 use serde_json::Value;
 use std::collections::BTreeSet;

@@ -2,8 +2,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use misfit::bag::{self, Spec};
-use misfit::recording::read_bag;
+use misfit_campaign::bag::{self, Spec};
+use misfit_campaign::recording::read_bag;
 use misfit_fuzz::{Folder, THREE, refused};
 use std::sync::LazyLock;
 

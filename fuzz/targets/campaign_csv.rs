@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use misfit::campaign::{Campaign, read_tasks};
+use misfit_campaign::{Campaign, read_tasks};
 use misfit_fuzz::{Folder, SDA5F, refused};
 use std::sync::LazyLock;
 

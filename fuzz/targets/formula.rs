@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use misfit::formula::Formula;
+use misfit_arm::formula::Formula;
 use misfit_fuzz::refused;
 
 fuzz_target!(|text: &str| {

@@ -2,8 +2,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use misfit::campaign::Campaign;
-use misfit::model_file;
+use misfit_campaign::Campaign;
+use misfit_core::model_file;
 use misfit_fuzz::{Folder, refused};
 use std::sync::LazyLock;
 

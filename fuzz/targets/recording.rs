@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use misfit::recording::read_recording;
+use misfit_campaign::recording::read_recording;
 use misfit_fuzz::{Folder, refused};
 use std::sync::LazyLock;
 

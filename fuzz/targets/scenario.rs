@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use misfit::scenario::Scenario;
+use misfit_cell::scenario::Scenario;
 use misfit_fuzz::{Folder, SDA5F, refused};
 use std::sync::LazyLock;
 

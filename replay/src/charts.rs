@@ -8,7 +8,7 @@ use crate::readings::{GREY, colour_of};
 use crate::scene::{quantile, round_up};
 use crate::words::millimetres;
 use crate::{Drawn, Scene};
-use misfit::robot::JointKind;
+use misfit_arm::robot::JointKind;
 use nalgebra::Vector3;
 use rerun::{Color, LineStrips2D, Points2D, Radius, RecordingStream};
 

@@ -18,7 +18,7 @@ mod words;
 pub use save::save;
 pub use scene::{Drawn, Scene};
 
-use misfit::recording::Recording;
+use misfit_campaign::recording::Recording;
 use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamResult};
 
 /// Name of the application in the viewer: layouts that a user saves belong to it.

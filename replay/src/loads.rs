@@ -4,7 +4,7 @@ use crate::Scene;
 use crate::log::{Logged, at, first_step, fixed, moving, path, xyz};
 use crate::readings::colour_of;
 use crate::scene::{quantile, round};
-use misfit::campaign::Reading;
+use misfit_campaign::Reading;
 use nalgebra::Vector3;
 use rerun::{Arrows3D, Radius, RecordingStream};
 

@@ -3,7 +3,7 @@
 use anyhow::Context;
 use clap::Parser;
 use misfit::cli::{message, replay::Arguments};
-use misfit::recording::read_recording;
+use misfit_campaign::recording::read_recording;
 use misfit_replay::{Opening, draw, save, stream};
 use std::io::Write;
 use std::process::ExitCode;

@@ -2,8 +2,8 @@
 
 use crate::Scene;
 use crate::log::{Logged, at, everywhere, fixed, path};
-use misfit::campaign::Wrench;
-use misfit::robot::JointKind;
+use misfit_arm::robot::JointKind;
+use misfit_campaign::Wrench;
 use rerun::{Color, RecordingStream, Scalars, SeriesLines};
 
 /// Okabe and Ito 2008, and their lighter and darker kin: told apart by people who confuse red and green.

@@ -3,8 +3,8 @@
 use crate::Scene;
 use crate::log::{Logged, beginning, everywhere, fixed, moving, path, steps, xyz};
 use crate::robots::{ORANGE, SKY};
-use misfit::campaign::Split;
-use misfit::plot;
+use misfit_campaign::Split;
+use misfit_report::plot;
 use rerun::{Arrows3D, Color, Points3D, Radius, RecordingStream, TransformAxes3D};
 
 /// Colour of what was measured.

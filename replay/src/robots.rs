@@ -2,7 +2,7 @@
 
 use crate::Scene;
 use crate::log::{Logged, fixed, moving, path, quaternion, xyz};
-use misfit::robot::{Robot, Shape, Visual};
+use misfit_arm::robot::{Robot, Shape, Visual};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use rerun::{
     Boxes3D, Capsules3D, Color, Cylinders3D, Ellipsoids3D, FillMode, RecordingStream,

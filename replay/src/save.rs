@@ -2,8 +2,8 @@
 
 use crate::{Opening, draw, stream};
 use anyhow::Context;
-use misfit::campaign::write_atomically;
-use misfit::recording::Recording;
+use misfit_campaign::recording::Recording;
+use misfit_campaign::write_atomically;
 use std::io::Write;
 use std::path::Path;
 

@@ -1,9 +1,9 @@
 //! What is drawn, in numbers: one place for the tracker, errors of every step, and scales that stay.
 
-use misfit::campaign::{Campaign, Frame};
-use misfit::fit::start;
-use misfit::recording::{Holds, Recording, Step};
-use misfit::setup::Setup;
+use misfit_campaign::recording::{Holds, Recording, Step};
+use misfit_campaign::setup::Setup;
+use misfit_campaign::{Campaign, Frame};
+use misfit_core::fit::start;
 use nalgebra::{Isometry3, Point3, Vector3};
 use std::collections::BTreeSet;
 

@@ -2,7 +2,7 @@
 
 use crate::Scene;
 use crate::log::Logged;
-use misfit::campaign::Split;
+use misfit_campaign::Split;
 use rerun::{RecordingStream, TextDocument};
 use std::fmt::Write;
 

@@ -3,11 +3,11 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 use assert_cmd::Command;
-use misfit::campaign::{Campaign, Frame, Payload, Reading, RobotFile, Target, Wrench};
-use misfit::recording::{
+use misfit_arm::robot::Robot;
+use misfit_campaign::recording::{
     Beside, Holds, Progress, Recording, Results, Step, read_recording, write_campaign,
 };
-use misfit::robot::Robot;
+use misfit_campaign::{Campaign, Frame, Payload, Reading, RobotFile, Target, Wrench};
 use misfit_replay::{Opening, Scene, draw, save, stream};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use std::collections::{BTreeMap, BTreeSet};

@@ -1,0 +1,7 @@
+//! The one integration-test binary of this crate: one module per subject.
+
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod campaign;
+mod recording;
+mod two_arms;

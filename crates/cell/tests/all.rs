@@ -1,0 +1,14 @@
+//! The one integration-test binary of this crate: one module per subject.
+
+#![allow(clippy::unwrap_used, missing_docs)]
+
+#[allow(dead_code)] // each crate uses a part
+mod common;
+mod diagnosis;
+mod effects;
+mod equilibrium;
+mod expression;
+mod fit;
+mod form;
+mod kinematics;
+mod sweep;

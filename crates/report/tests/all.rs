@@ -1,0 +1,5 @@
+//! The one integration-test binary of this crate: one module per subject.
+
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod plot;
