@@ -77,7 +77,7 @@ fn fitted(campaign: &Campaign, words: &str) -> anyhow::Result<(Model, Fit, f64)>
 /// Time of a fit by the number of readings.
 fn by_readings() -> anyhow::Result<()> {
     println!("## Readings\n\nFit of the six-axis arm of `benches/six_axis.toml`, default model.\n");
-    println!("| readings | parameters | steps | fit | a reading |\n|---|---|---|---|---|");
+    println!("| readings | parameters | steps | fit | per reading |\n|---|---|---|---|---|");
     let scenario = Scenario::load(&file("benches/six_axis.toml"))?;
     let mut entries = Vec::new();
     for readings in [150, 300, 600, 1_200, 2_400, 4_800, 9_600] {
@@ -98,7 +98,7 @@ fn by_readings() -> anyhow::Result<()> {
 /// Time of a fit by the number of parameters.
 fn by_parameters() -> anyhow::Result<()> {
     println!("\n## Parameters\n\nThe same arm, 1200 readings, models of more and more effects.\n");
-    println!("| model | parameters | steps | fit | a parameter |\n|---|---|---|---|---|");
+    println!("| model | parameters | steps | fit | per parameter |\n|---|---|---|---|---|");
     let campaign = campaign(&Scenario::load(&file("benches/six_axis.toml"))?, 1_200)?;
     let (mut words, mut entries) = (String::new(), Vec::new());
     for (effect, shown) in [
@@ -165,7 +165,7 @@ fn arm(folder: &Path, joints: usize) -> anyhow::Result<PathBuf> {
 /// Time of everything by the number of joints.
 fn by_joints() -> anyhow::Result<()> {
     println!(
-        "\n## Joints\n\nSerial arms of links alike, 600 readings under two loads, default model.\n"
+        "\n## Joints\n\nSerial arms of equal links, 600 readings under two loads, default model.\n"
     );
     println!(
         "| joints | parameters | forward kinematics | loaded pose | with all derivatives | static state in MuJoCo \
@@ -244,10 +244,10 @@ fn law(number: usize) -> anyhow::Result<Arc<dyn AnyEffect>> {
 fn by_families() -> anyhow::Result<()> {
     println!(
         "\n## Families\n\n`misfit diagnose` of `scenarios/hidden.toml`, 240 readings, without cross-validation: \
-              the catalogue, and laws of one's own beside it.\n"
+              the catalogue, and with user-defined laws.\n"
     );
     println!(
-        "| families weighed | own laws among them | a hidden effect | nothing hidden |\n|---|---|---|---|"
+        "| families compared | user-defined laws among them | a hidden effect | nothing hidden |\n|---|---|---|---|"
     );
     let scenario = Scenario::load(&file("scenarios/hidden.toml"))?;
     let mut plain = scenario.clone();
@@ -280,7 +280,7 @@ fn say_power(of: &str, entries: &[(usize, f64)]) {
     if let [(small, short), .., (large, long)] = entries {
         let power = (long / short).ln() / (*large as f64 / *small as f64).ln();
         println!(
-            "\nFrom {small} to {large} {of} the time of a fit grows with their power {power:.2}."
+            "\nFrom {small} to {large} {of} the time of a fit grows with the power {power:.2} of their number."
         );
     }
 }
@@ -329,10 +329,10 @@ fn work(work: &str, readings: usize) -> anyhow::Result<()> {
 /// Memory by the number of readings, on all threads.
 fn memory() -> anyhow::Result<()> {
     println!(
-        "\n## Memory\n\nThe most that a process holds, the campaign itself in it: the arm of `scenarios/large.toml`, \
-         poses and wrenches, default model; and the same diagnosed. Both without cross-validation.\n"
+        "\n## Memory\n\nPeak memory of the process, campaign included: the arm of `scenarios/large.toml`, \
+         poses and wrenches, default model; a fit and a diagnosis, both without cross-validation.\n"
     );
-    println!("| readings | fit | diagnosis | each reading more |\n|---|---|---|---|");
+    println!("| readings | fit | diagnosis | per additional reading |\n|---|---|---|---|");
     let mut before: Option<(usize, [f64; 2])> = None;
     for readings in [6_000, 12_000, 50_000, 100_000] {
         let now = [peak("fit", readings)?, peak("diagnose", readings)?];
@@ -356,8 +356,8 @@ fn main() -> anyhow::Result<()> {
     let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     one.install(|| {
         println!(
-            "# How time and memory grow\n\nWritten by `make growth`: processor time on one thread of {} shared cores, the least \
-             of the runs that {PATIENCE} s allow. A fit takes more steps where its problem is less linear.\n",
+            "# How time and memory grow\n\nWritten by `make growth`: processor time on one thread of {} shared cores, the minimum \
+             over the runs within {PATIENCE} s. A fit takes more steps where its problem is less linear.\n",
             std::thread::available_parallelism()?
         );
         by_readings()?;

@@ -198,30 +198,31 @@ def page(problems, command, runs, load):
     selection = [text(problem.entries[2].result["selection_seconds"][0]) for problem in problems[:2]]
     paragraphs = f"""# Beside other tools
 
-Written by `make peers`, which fails where misfit is not {CLAIMS["FIGAROH"]} times as fast as FIGAROH and
+Written by `make peers`, which fails if misfit is not {CLAIMS["FIGAROH"]} times as fast as FIGAROH and
 {CLAIMS["pybotics"]} times as fast as pybotics on the real UR10, or predicts the held-out readings of any campaign here
 worse than another tool (to the digit shown).
 
 FIGAROH {release["figaroh"]} (pin {release["pin"]}), pybotics {release["pybotics"]}, SciPy {release["scipy"]}. Medians
-of {runs} runs of each tool, taking turns, each a process of its own. {os.cpu_count()} shared cores
+of {runs} runs of each tool, in turns, each in its own process. {os.cpu_count()} shared cores
 ({processor_name()}), load {load:.1f} at the start. Time is that of the identification alone: readings in memory to
-parameters. One thread, but for the row that says otherwise. The ratio is of the processor's time, which changes little
-when others use the machine.
+parameters. One thread, except in the row that says otherwise. The ratio compares processor time, which changes
+little when other programs use the machine.
 
 {tables}
 
 ## What each does
 
 - misfit: `geometry` is six numbers behind each of the six joints, beside 12 of two frames; the fit finds what the
-  readings cannot fix. Timed with it: closed-form frames, the size of the noise, the covariance of all parameters, what
-  is not identifiable. The whole command, `misfit fit series_C.toml --effects geometry --no-cross-validation --json`,
-  takes {text(command)} by the clock from start to end on all threads; it fits the frames alone besides.
-- FIGAROH: class and weights of its own UR10 example, `full_params`, base and tip unknown; `solve_optimisation` alone is
-  timed. What it fits it selects before, in another {selection[0]} (without orientations {selection[1]})
-  by the clock, not counted, though misfit's time has the like in it. SciPy's `lm` with differences.
+  readings do not determine. The time includes closed-form frames, the size of the noise, the covariance of all
+  parameters, and what is not identifiable. The whole command,
+  `misfit fit series_C.toml --effects geometry --no-cross-validation --json`,
+  takes {text(command)} by the clock from start to end on all threads; it also fits the frames alone.
+- FIGAROH: class and weights of its own UR10 example, `full_params`, base and tip unknown; only `solve_optimisation` is
+  timed. It selects its parameters before, in another {selection[0]} (without orientations {selection[1]})
+  by the clock, not counted, although misfit's time includes this step. SciPy's `lm` with differences.
 - pybotics: modified DH, world and tool frame; its `optimize_accuracy` in `scipy.optimize.least_squares` as its notebook
-  calls it, from closed-form frames. That function returns distances, whose slopes hide the direction of an error: the
-  solver creeps and stops above the minimum (with `x_scale="jac"` it still creeps after 180 steps). The second row
+  calls it, from closed-form frames. That function returns distances, whose derivatives lose the direction of an error:
+  the solver makes slow progress and stops above the minimum (with `x_scale="jac"` even after 180 steps). The second row
   has x, y, z of pybotics' forward kinematics as residuals and `lm`, as a user may write it; it reaches the same error,
   and the claim is about that row.
 - SciPy: the loaded arm in NumPy, all readings at once; `least_squares`, `lm` with differences, from closed-form frames.

@@ -16,11 +16,14 @@ use tempfile::TempDir;
 
 /// Commands that take long, or need what other programs make: `make figures` runs them, and compares, too.
 const COSTLY: [(&str, &str); 6] = [
-    ("README.md", "misfit run scenarios/control_loop.toml"),
-    ("README.md", "misfit run scenarios/map.toml -o out/"),
-    ("README.md", "misfit drill scenarios/drill.toml -o out/"),
-    ("README.md", "misfit sweep scenarios/blind/rich.toml"),
-    ("README.md", "misfit ladder series_C.toml -o model.toml"),
+    ("docs/loop.md", "misfit run scenarios/control_loop.toml"),
+    ("docs/maps.md", "misfit run scenarios/map.toml -o out/"),
+    (
+        "docs/drilling.md",
+        "misfit drill scenarios/drill.toml -o out/",
+    ),
+    ("docs/blind.md", "misfit sweep scenarios/blind/rich.toml"),
+    ("docs/ur10.md", "misfit ladder series_C.toml -o model.toml"),
     // of bags that `make bags` writes
     ("", "misfit import "),
 ];
@@ -70,7 +73,15 @@ fn guide() -> Vec<String> {
     files("docs/guide", ".md")
 }
 
-/// All pages for readers, but the changelog: it tells of what was.
+/// The pages by subject whose commands are run: those of `docs/` itself that type any.
+fn subjects() -> Vec<String> {
+    let mut all = files("docs", ".md");
+    all.retain(|path| Path::new(path).parent() == Some(Path::new("docs")));
+    all.retain(|path| text(path).lines().any(|line| line.starts_with("$ misfit ")));
+    all
+}
+
+/// All pages for readers except the changelog, which describes earlier versions.
 fn pages() -> Vec<String> {
     let own = ["README.md", "ARCHITECTURE.md", "CONTRIBUTING.md"].map(str::to_owned);
     let kept = ["scenarios/README.md", "recordings/README.md"].map(str::to_owned);
@@ -278,13 +289,6 @@ fn follow(page: &str, with_costly: bool) -> usize {
     let at = folder.path();
     let mut wrong = String::new();
     let mut run = 0;
-    if page == "README.md" {
-        // said in the text, above the first block that needs it
-        let first = "misfit simulate scenarios/hidden.toml";
-        let said = text.find(&format!("`{first}`")).unwrap();
-        assert!(said < text.find("$ misfit diagnose hidden.mcap").unwrap());
-        assert!(typed(at, first).status.success());
-    }
     let steps = steps(&text);
     for (k, step) in steps.iter().enumerate() {
         let (line, command, shown) = match step {
@@ -350,7 +354,15 @@ fn commands_of_the_guide_do_what_it_says() {
 
 #[test]
 fn commands_of_the_readme_do_what_it_says() {
-    assert!(follow("README.md", false) >= 10);
+    assert!(follow("README.md", false) >= 3);
+}
+
+#[test]
+fn commands_of_the_pages_by_subject_do_what_they_say() {
+    use rayon::prelude::*;
+    let pages = subjects();
+    let runs: Vec<usize> = pages.par_iter().map(|page| follow(page, false)).collect();
+    assert!(runs.iter().sum::<usize>() >= 14, "{pages:?}: {runs:?}");
 }
 
 #[test]
@@ -360,7 +372,7 @@ fn costly_commands_do_what_the_documents_say() {
         root().join("target/bags/foxglove.mcap").exists(),
         "make bags"
     );
-    for page in std::iter::once("README.md".to_owned()).chain(guide()) {
+    for page in [vec!["README.md".to_owned()], subjects(), guide()].concat() {
         follow(&page, true);
     }
 }
@@ -440,35 +452,53 @@ fn the_number_of_effects_is_that_of_the_catalogue() {
     assert!(text("docs/guide/01-install.md").contains(&format!("{count} physical effects")));
 }
 
-/// What the last chapter repeats of the README's figures.
+/// Pages that repeat a figure: the page, the page from which it comes, the figures.
+const REPEATED: [(&str, &str, &[&str]); 6] = [
+    (
+        "docs/guide/11-limits.md",
+        "docs/efficiency.md",
+        &["17 ms", "0.50 s", "0.19 s", "0.35 s of one core"],
+    ),
+    (
+        "docs/guide/11-limits.md",
+        "docs/report.md",
+        &["4.5 to 5.0 s"],
+    ),
+    (
+        "docs/guide/11-limits.md",
+        "docs/blind.md",
+        &[
+            "588",
+            "3.2 %",
+            "26.7 %",
+            "71.1 %",
+            "95.6",
+            "301 of 353",
+            "31 of 780",
+        ],
+    ),
+    (
+        "docs/guide/11-limits.md",
+        "README.md",
+        &["at rest", "below λ 300"],
+    ),
+    (
+        "docs/guide/04-read-the-fit.md",
+        "docs/efficiency.md",
+        &["2000", "95.8 %"],
+    ),
+    ("README.md", "docs/ur10.md", &["0.993", "0.121 mm"]),
+];
+
 #[test]
-fn figures_of_the_limits_are_those_of_the_readme() {
+fn figures_that_a_page_repeats_are_those_of_their_source() {
     let flat = |page: &str| text(page).split_whitespace().collect::<Vec<_>>().join(" ");
-    let (limits, readme) = (flat("docs/guide/11-limits.md"), flat("README.md"));
-    for figure in [
-        "17 ms",
-        "0.50 s",
-        "0.19 s",
-        "0.35 s of one core",
-        "4.5 to 5.0 s",
-        "588",
-        "3.2 %",
-        "26.7 %",
-        "71.1 %",
-        "95.6",
-        "301 of 353",
-        "31 of 780",
-        "320 cycles a turn",
-        "below λ 300",
-    ] {
-        assert!(
-            readme.contains(figure),
-            "the README says no longer: {figure}"
-        );
-        assert!(
-            limits.contains(figure),
-            "the guide says no longer: {figure}"
-        );
+    for (page, source, figures) in REPEATED {
+        let (here, there) = (flat(page), flat(source));
+        for figure in figures {
+            assert!(there.contains(figure), "{source} no longer says {figure}");
+            assert!(here.contains(figure), "{page} no longer says {figure}");
+        }
     }
 }
 
@@ -572,6 +602,29 @@ fn anchor(heading: &str) -> String {
 }
 
 #[test]
+fn the_readme_is_short() {
+    let size = text("README.md").len();
+    assert!(
+        size <= 12_000,
+        "README.md has {size} bytes: docs/ has the subjects"
+    );
+}
+
+#[test]
+fn every_page_by_subject_is_in_the_index() {
+    let index = text("docs/README.md");
+    for page in files("docs", ".md") {
+        let name = page.strip_prefix("docs/").unwrap();
+        if !name.contains('/') && name != "README.md" {
+            assert!(
+                index.contains(&format!("]({name})")),
+                "{page} is not in docs/README.md"
+            );
+        }
+    }
+}
+
+#[test]
 fn the_guide_links_its_chapters_in_order() {
     let first = text("docs/guide/README.md");
     let listed: Vec<&str> = first
@@ -600,14 +653,12 @@ fn the_guide_links_its_chapters_in_order() {
 
 #[test]
 fn pages_are_no_wider_than_the_sources() {
-    for page in guide()
-        .into_iter()
-        .chain(["docs/add-an-effect.md".to_owned()])
-    {
+    let own = ["README.md", "docs/README.md", "docs/add-an-effect.md"].map(str::to_owned);
+    for page in [own.to_vec(), subjects(), guide()].concat() {
         for (index, line) in text(&page).lines().enumerate() {
             let width = line.chars().count();
             assert!(
-                width <= 120 || line.starts_with('|'),
+                width <= 120 || line.starts_with(['|', '!']),
                 "{page}:{}: {width} columns",
                 index + 1
             );
