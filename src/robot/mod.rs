@@ -5,6 +5,7 @@
 //! Joints come parents first, so one pass over them in order visits every parent before its children.
 
 mod dh;
+mod element;
 mod error;
 mod tree;
 mod urdf;
@@ -17,9 +18,10 @@ use std::path::Path;
 use nalgebra::{Isometry3, Unit, Vector3};
 
 pub(crate) use dh::{Convention, Ends, ends};
+pub(crate) use element::Element;
 pub use error::RobotError;
 pub(crate) use write::{escaped, inertial, origin, rpy, to_urdf};
-pub(crate) use xml::{Tag, tags};
+pub(crate) use xml::{clean, parse};
 
 /// A serial or branched arm. Lengths in m, angles in rad, masses in kg.
 #[derive(Debug, Clone, PartialEq)]
