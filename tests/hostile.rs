@@ -118,12 +118,20 @@ fn an_xml_bomb_is_refused() {
 #[test]
 fn deeply_nested_xml_is_refused() {
     for tag in ["link", "gazebo", "a"] {
-        let text = format!("<robot name=\"r\">{}", format!("<{tag}>").repeat(1_000_000));
+        let (open, close) = (format!("<{tag}>"), format!("</{tag}>"));
+        let text = format!(
+            "<robot name=\"r\">{}{}</robot>",
+            open.repeat(400_000),
+            close.repeat(400_000)
+        );
         let error = soon(|| Robot::parse("deep.urdf", &text, None)).unwrap_err();
         says(
             &error,
             &["deep.urdf", "line 1", "nested 33 deep", "at most 32 levels"],
         );
+        let text = format!("<robot name=\"r\">{}", open.repeat(100_000));
+        let error = soon(|| Robot::parse("deep.urdf", &text, None)).unwrap_err();
+        says(&error, &["deep.urdf", "more than 32", "never closed"]);
     }
 }
 
@@ -137,15 +145,32 @@ fn a_tag_of_a_million_attributes_is_refused() {
         &[
             "wide.urdf",
             "line 1",
-            "not a complete XML tag",
+            "a tag of 1000001 attributes",
             "at most 64 attributes",
         ],
     );
 }
 
+/// Below each declaration a parser looks through all above it, and copies them.
+#[test]
+fn many_namespaces_are_refused() {
+    let nested: String = (0..100_000)
+        .map(|k| format!("<a xmlns:n{k}='u'>"))
+        .collect();
+    let text = format!("<robot>{nested}{}</robot>", "</a>".repeat(100_000));
+    let error = soon(|| Robot::parse("names.urdf", &text, None)).unwrap_err();
+    says(&error, &["names.urdf", "100000 namespaces", "at most 64"]);
+}
+
 #[test]
 fn a_million_joints_are_refused() {
-    let joints = "<joint name=\"j\"/>".repeat(900_000);
+    let many = "<joint/>".repeat(1_000_000);
+    let error = soon(|| Robot::parse("x.urdf", &format!("<robot name=\"r\">{many}</robot>"), None));
+    says(
+        &error.unwrap_err(),
+        &["x.urdf", "1000003 tags and attributes", "at most 1000000"],
+    );
+    let joints = "<joint name=\"j\"/>".repeat(400_000);
     let error = soon(|| {
         Robot::parse(
             "x.urdf",
@@ -155,9 +180,9 @@ fn a_million_joints_are_refused() {
     });
     says(
         &error.unwrap_err(),
-        &["x.urdf", "1001 joints", "at most 1000"],
+        &["x.urdf", "400000 joints", "at most 1000"],
     );
-    let links = "<link name=\"l\"/>".repeat(900_000);
+    let links = "<link name=\"l\"/>".repeat(400_000);
     let error = soon(|| {
         Robot::parse(
             "x.urdf",
@@ -167,7 +192,7 @@ fn a_million_joints_are_refused() {
     });
     says(
         &error.unwrap_err(),
-        &["x.urdf", "1001 links", "at most 1000"],
+        &["x.urdf", "400000 links", "at most 1000"],
     );
     let rows = "[[joint]]\nname=\"j\"\n".repeat(200_000);
     let table = format!("name = \"r\"\nconvention = \"standard\"\n{rows}");

@@ -14,6 +14,7 @@
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde::Deserialize;
 
+use super::error::short;
 use super::tree::{MAX_LINKS, Tree, TreeJoint, TreeLink, too_many_links};
 use super::{JointKind, RobotError};
 use crate::input;
@@ -236,16 +237,6 @@ fn located(file: &str, text: &str, error: &toml::de::Error) -> RobotError {
         short(error.message()),
         "a DH table has name, convention and [[joint]] rows",
     )
-}
-
-/// A message on one line, shortened: it quotes keys of any length.
-fn short(message: &str) -> String {
-    let mut letters = message.replace('\n', " ");
-    if let Some((end, _)) = letters.char_indices().nth(400) {
-        letters.truncate(end);
-        letters.push('…');
-    }
-    letters
 }
 
 /// A name for the fixed joint of the flange that no row has taken.

@@ -52,3 +52,13 @@ impl RobotError {
         }
     }
 }
+
+/// Text of a file or of a parser as it stands in a message: on one line and shortened, for it may have any length.
+pub(super) fn short(text: &str) -> String {
+    let mut letters = text.replace('\n', " ");
+    if let Some((end, _)) = letters.char_indices().nth(400) {
+        letters.truncate(end);
+        letters.push('…');
+    }
+    letters
+}

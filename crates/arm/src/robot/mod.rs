@@ -5,6 +5,7 @@
 //! Joints come parents first, so one pass over them in order visits every parent before its children.
 
 mod dh;
+mod element;
 mod error;
 mod tree;
 mod urdf;
@@ -17,9 +18,10 @@ use std::path::Path;
 use nalgebra::{Isometry3, Unit, Vector3};
 
 pub use dh::{Convention, Ends, ends};
+pub use element::Element;
 pub use error::RobotError;
 pub use write::{escaped, inertial, origin, rpy, to_urdf};
-pub use xml::{Tag, tags};
+pub use xml::{clean, parse};
 
 /// A serial or branched arm. Lengths in m, angles in rad, masses in kg.
 #[derive(Debug, Clone, PartialEq)]
@@ -140,7 +142,10 @@ impl Robot {
     }
 
     /// The same with the text of the file, which recordings carry along.
-    pub fn load_with_text(path: &Path, base: Option<&str>) -> Result<(Robot, String), RobotError> {
+    pub fn load_with_text(
+        path: &Path,
+        base: Option<&str>,
+    ) -> Result<(Robot, String), RobotError> {
         let file = path.display().to_string();
         let limit = format(&file)?.largest();
         let text = input::text(path, limit).map_err(|source| RobotError::Unreadable {

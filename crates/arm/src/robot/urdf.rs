@@ -1,156 +1,205 @@
-//! URDF to tree. The format is that of ROS, read by `urdf-rs`; what it lets through silently is refused here.
+//! URDF to tree. The format is that of ROS; of it is read what an arm's geometry, statics and picture need.
+//!
+//! Source: the XML specification of ROS, wiki.ros.org/urdf/XML; versions 1.1 and 1.2 as in `urdfdom`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
-use urdf_rs::{Geometry, JointType, Pose};
+use nalgebra::{Isometry3, Translation3, Vector3};
 
-use super::tree::{Tree, TreeJoint, TreeLink};
-use super::xml::{Outline, outline};
-use super::{JointKind, RobotError, Shape, Visual};
+use super::error::short;
+use super::tree::{MAX_LINKS, Tree, TreeJoint, TreeLink, too_many_links};
+use super::{Element, JointKind, RobotError, Shape, Visual, xml};
 
 /// Colour of a shape the file gives none: light grey.
 const GREY: [f64; 4] = [0.7, 0.7, 0.7, 1.0];
 
 /// Reads a URDF; with its `folder`, meshes that are not there are refused.
 pub(super) fn read(file: &str, text: &str, folder: Option<&Path>) -> Result<Tree, RobotError> {
-    let outline = outline(file, text)?;
-    let urdf = urdf_rs::read_from_string(&outline.document(&outline.parts))
-        .map_err(|error| blame(file, &outline, &error))?;
-    let colours = colours(&urdf);
-    let mut links = Vec::new();
-    for link in &urdf.links {
-        if let Some(folder) = folder {
-            check_meshes(file, link, folder)?;
-        }
-        let mut visuals = Vec::new();
-        for visual in &link.visual {
-            add_visual(file, link, visual, &colours, &mut visuals)?;
-        }
-        links.push(TreeLink {
-            name: link.name.clone(),
-            mass: link.inertial.mass.value,
-            com: Vector3::from(*link.inertial.origin.xyz),
-            visuals,
-        });
+    let clean = xml::clean(file, text)?;
+    let document = xml::parse(file, &clean)?;
+    let robot = Element::root(file, &document);
+    let (links, joints) = (robot.all(&["link"]), robot.all(&["joint"]));
+    let counts = (links.count(), joints.count());
+    // In a tree there is one joint less than there are links.
+    if counts.0.max(counts.1) > MAX_LINKS {
+        return Err(too_many_links(file, counts.0, counts.1));
     }
+    let colours = colours(robot)?;
+    let links = robot.all(&["link"]);
+    let joints = robot.all(&["joint"]);
     Ok(Tree {
-        name: urdf.name.clone(),
-        links,
-        joints: urdf.joints.iter().map(read_joint).collect(),
+        name: robot.attribute("name").unwrap_or_default().to_owned(),
+        links: links
+            .map(|link| read_link(link, &colours, folder))
+            .collect::<Result<_, _>>()?,
+        joints: joints.map(read_joint).collect::<Result<_, _>>()?,
     })
 }
 
-/// Finds the part that `urdf-rs` stumbled over by reading each one alone.
-fn blame(file: &str, outline: &Outline, error: &urdf_rs::UrdfError) -> RobotError {
-    let accepted = "a URDF as in the ROS specification is accepted";
-    for part in &outline.parts {
-        if let Err(error) = urdf_rs::read_from_string(&outline.document([part])) {
-            return RobotError::refused(file, part.place(), error.to_string(), accepted);
+/// Colours by material name; a material may be defined at the top or where it is first used.
+fn colours(robot: Element<'_>) -> Result<BTreeMap<&str, [f64; 4]>, RobotError> {
+    let mut colours = BTreeMap::new();
+    let links = robot.all(&["link"]);
+    let visuals = links.flat_map(|link| link.all(&["visual"]));
+    let used = visuals.flat_map(|visual| visual.all(&["material"]));
+    for material in robot.all(&["material"]).chain(used) {
+        let name = material.text("name")?;
+        if let Some(colour) = material.child("color")? {
+            let rgba = colour.needed("rgba")?;
+            colours.entry(name).or_insert(rgba);
         }
     }
-    RobotError::refused(file, "robot", error.to_string(), accepted)
+    Ok(colours)
 }
 
-fn read_joint(joint: &urdf_rs::Joint) -> TreeJoint {
-    let (kind, loose) = match joint.joint_type {
-        JointType::Fixed => (None, None),
-        JointType::Revolute => (Some(JointKind::Revolute), None),
-        JointType::Continuous => (Some(JointKind::Continuous), None),
-        JointType::Prismatic => (Some(JointKind::Prismatic), None),
-        JointType::Planar => (None, Some("planar")),
-        JointType::Floating => (None, Some("floating")),
-        JointType::Spherical => (None, Some("spherical")),
+fn read_link(
+    link: Element<'_>,
+    colours: &BTreeMap<&str, [f64; 4]>,
+    folder: Option<&Path>,
+) -> Result<TreeLink, RobotError> {
+    let (mass, com) = match link.child("inertial")? {
+        None => (0.0, Vector3::zeros()),
+        Some(inertial) => {
+            let [mass] = inertial.required("mass")?.needed("value")?;
+            (mass, inertial.pose()?.translation.vector)
+        }
     };
-    let unsupported = match loose {
-        Some(name) => Some(format!("type {name} has more than one coordinate")),
-        None => joint.mimic.as_ref().map(|other| {
-            format!(
-                "mimics joint \"{}\", so it has no encoder of its own",
-                other.joint
-            )
-        }),
+    let mut visuals = Vec::new();
+    for part in link.all(&["visual", "collision"]) {
+        let shape = read_shape(part)?;
+        match shape.tag() {
+            "mesh" => check_mesh(link, shape.text("filename")?, folder)?,
+            _ if part.tag() == "visual" => add_visual(part, shape, colours, &mut visuals)?,
+            _ => {}
+        }
+    }
+    Ok(TreeLink {
+        name: link.text("name")?.to_owned(),
+        mass,
+        com,
+        visuals,
+    })
+}
+
+fn read_joint(joint: Element<'_>) -> Result<TreeJoint, RobotError> {
+    let (kind, loose) = match joint.text("type")? {
+        "fixed" => (None, None),
+        "revolute" => (Some(JointKind::Revolute), None),
+        "continuous" => (Some(JointKind::Continuous), None),
+        "prismatic" => (Some(JointKind::Prismatic), None),
+        kind @ ("planar" | "floating" | "spherical") => (None, Some(kind)),
+        kind => {
+            return Err(joint.refuse(
+                format!("type \"{}\"", short(kind)),
+                "types are revolute, continuous, prismatic, fixed, floating, planar and spherical",
+            ));
+        }
     };
-    let (lower, upper) = (joint.limit.lower, joint.limit.upper);
-    // A limit left out reads as 0 to 0, from version 1.2 of the format as -inf to inf.
-    let unlimited = (lower == 0.0 && upper == 0.0)
-        || (lower == f64::NEG_INFINITY && upper == f64::INFINITY)
-        || matches!(kind, None | Some(JointKind::Continuous));
-    let effort = joint.limit.effort;
-    TreeJoint {
-        name: joint.name.clone(),
+    let mimic = match joint.child("mimic")? {
+        Some(mimic) => Some(mimic.text("joint")?),
+        None => None,
+    };
+    let unsupported = match (loose, mimic) {
+        (Some(name), _) => Some(format!("type {name} has more than one coordinate")),
+        (None, Some(other)) => Some(format!(
+            "mimics joint \"{other}\", so it has no encoder of its own"
+        )),
+        (None, None) => None,
+    };
+    let axis = match joint.child("axis")? {
+        Some(axis) => axis.needed("xyz")?,
+        None => [1.0, 0.0, 0.0],
+    };
+    let (limits, effort) = read_limit(joint)?;
+    let moves = !matches!(kind, None | Some(JointKind::Continuous));
+    Ok(TreeJoint {
+        name: joint.text("name")?.to_owned(),
         kind,
         unsupported,
-        parent: joint.parent.link.clone(),
-        child: joint.child.link.clone(),
-        parent_from_joint: pose(&joint.origin),
+        parent: joint.required("parent")?.text("link")?.to_owned(),
+        child: joint.required("child")?.text("link")?.to_owned(),
+        parent_from_joint: joint.pose()?,
         joint_from_child: Isometry3::identity(),
-        axis: Vector3::from(*joint.axis.xyz),
-        limits: (!unlimited).then_some((lower, upper)),
-        effort: (effort != 0.0 && effort != f64::INFINITY).then_some(effort),
-    }
+        axis: Vector3::from(axis),
+        limits: limits.filter(|_| moves),
+        effort,
+    })
 }
 
-/// A pose from translation and fixed-axis roll, pitch, yaw: `Rz(yaw) Ry(pitch) Rx(roll)`.
-fn pose(pose: &Pose) -> Isometry3<f64> {
-    let [roll, pitch, yaw] = *pose.rpy;
-    Isometry3::from_parts(
-        Translation3::from(*pose.xyz),
-        UnitQuaternion::from_euler_angles(roll, pitch, yaw),
-    )
+/// Lower and upper limit (rad, m), and effort (N·m, N) of a joint, as far as they are given.
+type Limit = (Option<(f64, f64)>, Option<f64>);
+
+fn read_limit(joint: Element<'_>) -> Result<Limit, RobotError> {
+    let Some(limit) = joint.child("limit")? else {
+        return Ok((None, None));
+    };
+    // What is left out reads as 0, from version 1.2 of the format on as infinite; 0 to 0 stands for none too.
+    let missing = match limit.version() >= (1, 2) {
+        true => f64::INFINITY,
+        false => 0.0,
+    };
+    let lower = limit.number("lower")?.unwrap_or(0.0 - missing);
+    let upper = limit.number("upper")?.unwrap_or(missing);
+    let unlimited =
+        (lower == 0.0 && upper == 0.0) || (lower == f64::NEG_INFINITY && upper == f64::INFINITY);
+    let effort = limit.number("effort")?.unwrap_or(0.0);
+    Ok((
+        (!unlimited).then_some((lower, upper)),
+        (effort != 0.0 && effort != f64::INFINITY).then_some(effort),
+    ))
 }
 
-/// Colours by material name; a material may be defined at the top or where it is first used.
-fn colours(urdf: &urdf_rs::Robot) -> BTreeMap<&str, [f64; 4]> {
-    let visuals = urdf.links.iter().flat_map(|link| &link.visual);
-    let used = visuals.filter_map(|visual| visual.material.as_ref());
-    let mut colours = BTreeMap::new();
-    for material in urdf.materials.iter().chain(used) {
-        if let Some(colour) = &material.color {
-            colours
-                .entry(material.name.as_str())
-                .or_insert(*colour.rgba);
-        }
+/// The one shape of a visual or collision.
+fn read_shape(part: Element<'_>) -> Result<Element<'_>, RobotError> {
+    const SHAPES: [&str; 5] = ["box", "cylinder", "sphere", "capsule", "mesh"];
+    let geometry = part.required("geometry")?;
+    let mut shapes = geometry.all(&SHAPES);
+    match (shapes.next(), shapes.next()) {
+        (Some(shape), None) => Ok(shape),
+        (first, _) => Err(geometry.refuse(
+            match first {
+                None => "a <geometry> without a shape",
+                Some(_) => "a <geometry> with two shapes",
+            },
+            format!("it takes one of <{}>", SHAPES.join(">, <")),
+        )),
     }
-    colours
 }
 
 fn add_visual(
-    file: &str,
-    link: &urdf_rs::Link,
-    visual: &urdf_rs::Visual,
+    visual: Element<'_>,
+    shape: Element<'_>,
     colours: &BTreeMap<&str, [f64; 4]>,
     visuals: &mut Vec<Visual>,
 ) -> Result<(), RobotError> {
-    let refuse = |found: String, accepted: &str| {
-        RobotError::refused(file, format!("link \"{}\"", link.name), found, accepted)
+    let rgba = match visual.child("material")? {
+        None => GREY,
+        Some(material) => match material.child("color")? {
+            Some(colour) => colour.needed("rgba")?,
+            None => *colours.get(material.text("name")?).unwrap_or(&GREY),
+        },
     };
-    let rgba = visual
-        .material
-        .as_ref()
-        .and_then(|m| {
-            let own = m.color.as_ref().map(|colour| *colour.rgba);
-            own.or_else(|| colours.get(m.name.as_str()).copied())
-        })
-        .unwrap_or(GREY);
     if !rgba.iter().all(|c| (0.0..=1.0).contains(c)) {
-        return Err(refuse(
+        return Err(visual.refuse(
             format!("visual colour {rgba:?}"),
             "red, green, blue and opacity are from 0 to 1",
         ));
     }
-    let shapes = match visual.geometry {
-        Geometry::Box { size } => vec![(0.0, Shape::Box(*size))],
-        Geometry::Cylinder { radius, length } => vec![(0.0, Shape::Cylinder(radius, length))],
-        Geometry::Sphere { radius } => vec![(0.0, Shape::Sphere(radius))],
+    let number = |name: &str| shape.needed(name).map(|[number]| number);
+    let shapes = match shape.tag() {
+        "box" => vec![(0.0, Shape::Box(shape.needed("size")?))],
+        "sphere" => vec![(0.0, Shape::Sphere(number("radius")?))],
         // A capsule is a cylinder with two rounded ends.
-        Geometry::Capsule { radius, length } => vec![
-            (0.0, Shape::Cylinder(radius, length)),
-            (-length / 2.0, Shape::Sphere(radius)),
-            (length / 2.0, Shape::Sphere(radius)),
-        ],
-        Geometry::Mesh { .. } => Vec::new(),
+        round => {
+            let (radius, length) = (number("radius")?, number("length")?);
+            let mut shapes = vec![(0.0, Shape::Cylinder(radius, length))];
+            if round == "capsule" {
+                shapes.push((-length / 2.0, Shape::Sphere(radius)));
+                shapes.push((length / 2.0, Shape::Sphere(radius)));
+            }
+            shapes
+        }
     };
     for (along_z, shape) in shapes {
         let sizes = match shape {
@@ -159,13 +208,13 @@ fn add_visual(
             Shape::Sphere(radius) => vec![radius],
         };
         if !sizes.iter().all(|size| (0.0..=100.0).contains(size)) {
-            return Err(refuse(
+            return Err(visual.refuse(
                 format!("visual of size {sizes:?}"),
                 "sizes are in m, from 0 to 100",
             ));
         }
         visuals.push(Visual {
-            link_from_shape: pose(&visual.origin) * Translation3::new(0.0, 0.0, along_z),
+            link_from_shape: visual.pose()? * Translation3::new(0.0, 0.0, along_z),
             shape,
             rgba,
         });
@@ -173,23 +222,14 @@ fn add_visual(
     Ok(())
 }
 
-fn check_meshes(file: &str, link: &urdf_rs::Link, folder: &Path) -> Result<(), RobotError> {
-    let seen = link.visual.iter().map(|visual| &visual.geometry);
-    let touched = link.collision.iter().map(|collision| &collision.geometry);
-    for geometry in seen.chain(touched) {
-        if let Geometry::Mesh { filename, .. } = geometry
-            && let Some(path) = locate(filename, folder)
-            && !path.is_file()
-        {
-            return Err(RobotError::refused(
-                file,
-                format!("link \"{}\"", link.name),
-                format!("mesh file \"{filename}\" not found ({})", path.display()),
-                "put the mesh there or remove it: only primitive shapes are used",
-            ));
-        }
+fn check_mesh(link: Element<'_>, filename: &str, folder: Option<&Path>) -> Result<(), RobotError> {
+    match folder.and_then(|folder| locate(filename, folder)) {
+        Some(path) if !path.is_file() => Err(link.refuse(
+            format!("mesh file \"{filename}\" not found ({})", path.display()),
+            "put the mesh there or remove it: only primitive shapes are used",
+        )),
+        _ => Ok(()),
     }
-    Ok(())
 }
 
 /// Where a mesh should be, or `None` if its address cannot be looked up here.

@@ -1,339 +1,235 @@
-//! The outline of a URDF's text: what the XML parser must never see, and where each link and joint begins.
+//! The XML of a URDF, read by `roxmltree`: within limits, and with messages that name lines.
 //!
-//! The parser behind `urdf-rs` recurses over nested elements, reads `xyz="0 x 1 2"` as three numbers and names no
-//! line in its errors. So the text is first cut into tags by a strict grammar; only the links, joints and materials
-//! pass, stripped of comments and text, and a part can later be blamed by name and line.
+//! The parser neither recurses nor expands entities without a document type. What is left is checked before it: counts
+//! that it reserves memory for, attributes and namespaces that it compares each with each, and sections that never end,
+//! whose beginning it does not tell.
+
+use std::borrow::Cow;
+
+use roxmltree::{Document, Error, Node, TextPos};
 
 use super::RobotError;
-use super::tree::{MAX_LINKS, too_many_links};
+use super::error::short;
 
 /// `robot/link/visual/material/color` is 5 deep; extensions go a little further.
 const MAX_DEPTH: usize = 32;
-/// Most attributes of a tag: each name is compared with each.
+/// Most attributes of a tag: the parser compares each name with each.
 const MAX_ATTRIBUTES: usize = 64;
-/// Attributes that hold several numbers.
-const VECTORS: [&str; 6] = ["xyz", "rpy", "size", "rgba", "scale", "quat_xyzw"];
+/// Most declarations of namespaces in a file: below each the parser looks through all above it.
+const MAX_NAMESPACES: usize = 64;
+/// Most `<` and `=` in a file: for each the parser reserves a node or an attribute, about 100 bytes.
+const MAX_TAGS_AND_ATTRIBUTES: usize = 1_000_000;
+/// Sections that hold no tags: how they begin and end.
+const SECTIONS: [(&str, &str); 3] = [("<!--", "-->"), ("<?", "?>"), ("<![CDATA[", "]]>")];
 
-/// The parts of a URDF that matter here.
-pub(super) struct Outline<'a> {
-    /// The `<robot …>` tag.
-    pub root: &'a str,
-    /// Links, joints and materials directly below it, in file order.
-    pub parts: Vec<Part<'a>>,
-}
+const ONE_ROBOT: &str = "a URDF is one <robot> element holding links and joints";
 
-/// One link, joint or material with everything in it.
-pub(super) struct Part<'a> {
-    kind: &'a str,
-    name: Option<&'a str>,
-    line: usize,
-    opening: &'a str,
-    empty: bool,
-    /// Tags of the inertial, which `urdf-rs` cannot read between two visuals.
-    inertial: String,
-    /// The other tags, without comments and text.
-    others: String,
-}
-
-impl Part<'_> {
-    fn append_to(&self, text: &mut String) {
-        for piece in [self.opening, &self.inertial, &self.others] {
-            text.push_str(piece);
-        }
-        if !self.empty {
-            text.push_str("</");
-            text.push_str(self.kind);
-            text.push('>');
-        }
-    }
-
-    /// How a message names it.
-    pub fn place(&self) -> String {
-        match self.name {
-            Some(name) => format!("{} \"{name}\" (line {})", self.kind, self.line),
-            None => format!("{} (line {})", self.kind, self.line),
-        }
-    }
-}
-
-impl Outline<'_> {
-    /// A URDF of only these parts.
-    pub fn document<'b>(&self, parts: impl IntoIterator<Item = &'b Part<'b>>) -> String {
-        let mut text = self.root.to_owned();
-        for part in parts {
-            part.append_to(&mut text);
-        }
-        text + "</robot>"
-    }
-}
-
-/// One tag of the text.
-pub struct Tag<'a> {
-    /// All of it, from `<` to `>`.
-    pub text: &'a str,
-    /// Name of its element.
-    pub name: &'a str,
-    /// Names and values, entities as they stand.
-    pub attributes: Vec<(&'a str, &'a str)>,
-    /// `</…>`.
-    pub closing: bool,
-    /// `<…/>`.
-    pub empty: bool,
-}
-
-impl Tag<'_> {
-    /// Value of an attribute, with the five entities of XML resolved.
-    pub fn value(&self, attribute: &str) -> Option<String> {
-        find(self, attribute).map(|value| {
-            value
-                .replace("&lt;", "<")
-                .replace("&gt;", ">")
-                .replace("&quot;", "\"")
-                .replace("&apos;", "'")
-                .replace("&amp;", "&")
-        })
-    }
-}
-
-/// All tags of the text of a URDF that was read, each with the byte where it begins; up to the first that is none.
-pub fn tags(text: &str) -> Vec<(usize, Tag<'_>)> {
-    let mut found = Vec::new();
+/// The text for [`parse`], byte for byte as long: without the hyphens in comments that XML forbids and others read.
+pub fn clean<'a>(file: &str, text: &'a str) -> Result<Cow<'a, str>, RobotError> {
+    let mut clean = Cow::Borrowed(text);
     let mut at = 0;
-    while let Some(start) = text[at..].find('<') {
-        at += start;
+    while let Some(ahead) = text[at..].find('<') {
+        at += ahead;
         let rest = &text[at..];
-        let length = match (skip(rest), read_tag(rest)) {
-            (Ok(Some(length)), _) => length,
-            (Ok(None), Some(tag)) => {
-                let length = tag.text.len();
-                found.push((at, tag));
-                length
-            }
-            _ => break,
-        };
-        at += length;
-    }
-    found
-}
-
-/// Reads the outline, refusing what is not well-formed.
-pub(super) fn outline<'a>(file: &str, text: &'a str) -> Result<Outline<'a>, RobotError> {
-    let mut open: Vec<(&str, usize)> = Vec::new();
-    let mut root: Option<&str> = None;
-    let mut parts: Vec<Part> = Vec::new();
-    // Whether the tags now read belong to the last part, and in it to an inertial.
-    let mut inside = false;
-    let mut inertial = false;
-    let (mut links, mut joints) = (0, 0);
-    let mut rest = text;
-    let mut line = 1;
-    while let Some(start) = rest.find('<') {
-        line += newlines(&rest[..start]);
-        rest = &rest[start..];
         let refuse = |found: String, accepted: &str| {
-            RobotError::refused(file, format!("line {line}"), found, accepted)
+            let place = format!("line {}", line(text, at));
+            Err(RobotError::refused(file, place, found, accepted))
         };
-        if let Some(skipped) = skip(rest).map_err(|(found, accepted)| refuse(found, accepted))? {
-            line += newlines(&rest[..skipped]);
-            rest = &rest[skipped..];
+        let section = SECTIONS.iter().find(|(begin, _)| rest.starts_with(begin));
+        if let Some((begin, end)) = section {
+            let from = at + begin.len();
+            let Some(length) = text[from..].find(end) else {
+                let accepted = format!("it ends with {end}");
+                return refuse(format!("{begin} is never closed"), &accepted);
+            };
+            let inside = &text[from..from + length];
+            if *begin == "<!--" && (inside.contains("--") || inside.ends_with('-')) {
+                let blank = inside.replace('-', " ");
+                clean.to_mut().replace_range(from..from + length, &blank);
+            }
+            at = from + length + end.len();
             continue;
         }
-        let tag = read_tag(rest).ok_or_else(|| {
-            let shown: String = rest.chars().take(40).take_while(|&c| c != '\n').collect();
-            refuse(
-                format!("`{shown}` is not a complete XML tag"),
-                &format!(
-                    "tags look like <link name=\"tool0\"/>, with at most {MAX_ATTRIBUTES} attributes, each once"
-                ),
-            )
-        })?;
-        if tag.name.starts_with("xacro:") {
-            return Err(refuse(
-                format!("<{}> is a xacro macro", tag.name),
-                "expand it first: xacro robot.urdf.xacro > robot.urdf",
+        if rest.starts_with("<!") {
+            return refuse(
+                "a document type declaration".to_owned(),
+                "remove it: a URDF needs none, and entities are not expanded",
+            );
+        }
+        // No tag goes on behind the next `<`.
+        let length = rest[1..].find('<').map_or(rest.len(), |next| 1 + next);
+        let values = rest[..length].split('=').skip(1);
+        let quoted = values.filter(|value| value.trim_start().starts_with(['"', '\'']));
+        let attributes = quoted.count();
+        if attributes > MAX_ATTRIBUTES {
+            return refuse(
+                format!("a tag of {attributes} attributes"),
+                &format!("at most {MAX_ATTRIBUTES} attributes are accepted"),
+            );
+        }
+        at += length;
+    }
+    let marks = text.bytes().filter(|byte| matches!(byte, b'<' | b'='));
+    for (what, count, most) in [
+        (
+            "tags and attributes",
+            marks.count(),
+            MAX_TAGS_AND_ATTRIBUTES,
+        ),
+        ("namespaces", text.matches("xmlns").count(), MAX_NAMESPACES),
+    ] {
+        if count > most {
+            return Err(RobotError::refused(
+                file,
+                "XML",
+                format!("{count} {what}"),
+                format!("at most {most} are accepted"),
             ));
         }
-        if tag.closing {
-            match open.pop() {
-                Some((name, _)) if name == tag.name => {}
-                Some((name, opened)) => {
-                    return Err(refuse(
-                        format!("</{}> where </{name}> is due", tag.name),
-                        &format!("<{name}> of line {opened} is still open"),
-                    ));
-                }
-                None => {
-                    return Err(refuse(
-                        format!("</{}> closes nothing", tag.name),
-                        "every closing tag needs an opening one",
-                    ));
-                }
-            }
-        } else if open.is_empty() {
-            if root.is_some() || tag.name != "robot" || tag.empty {
-                return Err(refuse(
-                    match tag.empty {
-                        true => format!("an empty <{}/> at the top", tag.name),
-                        false => format!("<{}> at the top", tag.name),
-                    },
-                    "a URDF is one <robot> element holding links and joints",
-                ));
-            }
-            root = Some(tag.text);
-        } else if open.len() == 1 {
-            inside = matches!(tag.name, "link" | "joint" | "material");
-            if inside {
-                links += usize::from(tag.name == "link");
-                joints += usize::from(tag.name == "joint");
-                // in a tree there is one joint less than there are links
-                if links.max(joints) > MAX_LINKS {
-                    return Err(too_many_links(file, links, joints));
-                }
-                parts.push(Part {
-                    kind: tag.name,
-                    name: find(&tag, "name"),
-                    line,
-                    opening: tag.text,
-                    empty: tag.empty,
-                    inertial: String::new(),
-                    others: String::new(),
-                });
-            }
-        } else if open.len() == 2 {
-            inertial = tag.name == "inertial";
-        }
-        if inside && let Some(part) = parts.last_mut() {
-            if let Some((attribute, value)) = bad_vector(&tag) {
-                return Err(RobotError::refused(
-                    file,
-                    part.place(),
-                    format!("{attribute}=\"{value}\" on line {line}"),
-                    "only numbers separated by blanks are accepted",
-                ));
-            }
-            let is_part = open.len() == 1;
-            match (is_part, inertial) {
-                (true, _) => {}
-                (false, true) => part.inertial += tag.text,
-                (false, false) => part.others += tag.text,
-            }
-        }
-        if !tag.closing && !tag.empty {
-            if open.len() == MAX_DEPTH {
-                return Err(refuse(
-                    format!("<{}> is nested {} deep", tag.name, MAX_DEPTH + 1),
-                    &format!("at most {MAX_DEPTH} levels are accepted"),
-                ));
-            }
-            open.push((tag.name, line));
-        }
-        inside = inside && open.len() > 1;
-        line += newlines(tag.text);
-        rest = &rest[tag.text.len()..];
     }
-    let refuse = |found: String| {
-        RobotError::refused(
-            file,
-            "XML",
-            found,
-            "a URDF is one <robot> element holding links and joints",
-        )
+    Ok(clean)
+}
+
+/// Reads a text that is [`clean`].
+pub fn parse<'a>(file: &str, text: &'a str) -> Result<Document<'a>, RobotError> {
+    let document = Document::parse(text).map_err(|error| malformed(file, text, &error))?;
+    let refuse = |node: Node<'_, '_>, found: String, accepted: &str| {
+        let place = format!("line {}", line(text, node.range().start));
+        Err(RobotError::refused(file, place, found, accepted))
     };
-    if let Some((name, opened)) = open.pop() {
-        return Err(refuse(format!("<{name}> of line {opened} is never closed")));
+    let root = document.root_element();
+    let name = short(root.tag_name().name());
+    if name != "robot" || is_empty(root) {
+        let end = if is_empty(root) { "/" } else { "" };
+        return refuse(root, format!("<{name}{end}> at the top"), ONE_ROBOT);
     }
-    let root = root.ok_or_else(|| refuse("there is no <robot> element".to_owned()))?;
-    Ok(Outline { root, parts })
-}
-
-/// Length of a comment, processing instruction or CDATA section that begins here.
-fn skip(text: &str) -> Result<Option<usize>, (String, &'static str)> {
-    for (begin, end) in [("<!--", "-->"), ("<?", "?>"), ("<![CDATA[", "]]>")] {
-        if let Some(inner) = text.strip_prefix(begin) {
-            return match inner.find(end) {
-                Some(length) => Ok(Some(begin.len() + length + end.len())),
-                None => Err((
-                    format!("{begin} is never closed"),
-                    "it ends before the file does",
-                )),
-            };
+    for node in document.descendants().filter(Node::is_element) {
+        if text[node.range().start..].starts_with("<xacro:") {
+            return Err(xacro(file, line(text, node.range().start)));
+        }
+        // The ancestors are the element itself, those around it, and the document.
+        if node.ancestors().nth(MAX_DEPTH + 1).is_some() {
+            let name = short(node.tag_name().name());
+            return refuse(
+                node,
+                format!("<{name}> is nested {} deep", MAX_DEPTH + 1),
+                &format!("at most {MAX_DEPTH} levels are accepted"),
+            );
         }
     }
-    if text.starts_with("<!") {
-        // Entities are defined there: a few lines of them can stand for gigabytes.
-        return Err((
-            "a document type declaration".to_owned(),
-            "remove it: a URDF needs none, and entities are not expanded",
-        ));
+    Ok(document)
+}
+
+/// Is an element a single tag, `<…/>`?
+pub(super) fn is_empty(element: Node<'_, '_>) -> bool {
+    !element.has_children() && source(element).ends_with("/>")
+}
+
+/// The text of an element, from its first tag to its last.
+pub(super) fn source<'a>(element: Node<'_, 'a>) -> &'a str {
+    &element.document().input_text()[element.range()]
+}
+
+/// Number of the line of a byte of a text.
+pub(super) fn line(text: &str, at: usize) -> usize {
+    1 + text.bytes().take(at).filter(|&byte| byte == b'\n').count()
+}
+
+fn xacro(file: &str, line: usize) -> RobotError {
+    RobotError::refused(
+        file,
+        format!("line {line}"),
+        "a xacro macro",
+        "expand it first: xacro robot.urdf.xacro > robot.urdf",
+    )
+}
+
+/// The parser's message in the words of this program, with the line.
+fn malformed(file: &str, text: &str, error: &Error) -> RobotError {
+    let refuse = |place: String, found: String, accepted: String| {
+        RobotError::refused(file, place, found, accepted)
+    };
+    match error {
+        Error::NoRootNode => refuse(
+            "XML".to_owned(),
+            "there is no <robot> element".to_owned(),
+            ONE_ROBOT.to_owned(),
+        ),
+        Error::UnknownToken(_) if !text.contains('<') => malformed(file, text, &Error::NoRootNode),
+        Error::UnclosedRootNode => {
+            let found = match innermost_open(text) {
+                Some((name, line)) => format!("<{name}> of line {line} is never closed"),
+                None => format!("more than {MAX_DEPTH} elements are never closed"),
+            };
+            refuse("XML".to_owned(), found, ONE_ROBOT.to_owned())
+        }
+        Error::UnexpectedCloseTag(due, found, pos) => {
+            let (due, found) = (short(due), short(found));
+            let accepted = match innermost_open(&text[..offset(text, *pos)]) {
+                Some((_, line)) => format!("<{due}> of line {line} is still open"),
+                None => format!("<{due}> is still open"),
+            };
+            let found = format!("</{found}> where </{due}> is due");
+            refuse(format!("line {}", pos.row), found, accepted)
+        }
+        Error::UnknownNamespace(prefix, pos) if prefix == "xacro" => xacro(file, pos.row as usize),
+        Error::UnknownNamespace(prefix, pos) => {
+            let prefix = short(prefix);
+            refuse(
+                format!("line {}", pos.row),
+                format!("no namespace is declared for the prefix `{prefix}:`"),
+                format!("remove it, or write <robot xmlns:{prefix}=\"…\" …>"),
+            )
+        }
+        _ => {
+            // An end that comes too early has no position: what it cuts off begins at the last tag.
+            let at = match error {
+                Error::UnexpectedEndOfStream => text.len(),
+                _ => offset(text, error.pos()),
+            };
+            let next = text[at..].chars().next().map_or(at, |c| at + c.len_utf8());
+            let start = text[..next].rfind('<').unwrap_or(at);
+            let shown: String = text[start..].chars().take(40).collect();
+            let shown = shown.split(['\n', '\r']).next().unwrap_or_default();
+            let reason = error
+                .to_string()
+                .replace(&format!(" at {}", error.pos()), "");
+            refuse(
+                format!("line {}", line(text, start)),
+                format!("`{shown}` is not well-formed XML ({})", short(&reason)),
+                "tags look like <link name=\"tool0\"/>, each attribute once and in quotes"
+                    .to_owned(),
+            )
+        }
     }
-    Ok(None)
 }
 
-/// The tag that begins here, or `None` if it is malformed.
-fn read_tag(text: &str) -> Option<Tag<'_>> {
-    let mut rest = text.strip_prefix('<')?;
-    let closing = rest.starts_with('/');
-    rest = rest.strip_prefix('/').unwrap_or(rest);
-    let name = read_name(&mut rest)?;
-    let mut attributes = Vec::new();
-    loop {
-        rest = rest.trim_start();
-        let (end, empty) = match rest.as_bytes() {
-            [b'>', ..] => (1, false),
-            [b'/', b'>', ..] if !closing => (2, true),
-            _ => {
-                let attribute = read_name(&mut rest)?;
-                rest = rest.trim_start().strip_prefix('=')?.trim_start();
-                let quote = rest.chars().next().filter(|&c| c == '"' || c == '\'')?;
-                let (value, after) = rest[1..].split_once(quote)?;
-                if closing
-                    || value.contains('<')
-                    || attributes.len() == MAX_ATTRIBUTES
-                    || attributes.iter().any(|&(n, _)| n == attribute)
-                {
-                    return None;
-                }
-                attributes.push((attribute, value));
-                rest = after;
-                continue;
-            }
-        };
-        return Some(Tag {
-            text: &text[..text.len() - rest.len() + end],
-            name,
-            attributes,
-            closing,
-            empty,
-        });
+/// The byte of a position.
+fn offset(text: &str, pos: TextPos) -> usize {
+    let before = text.split_inclusive('\n').take(pos.row as usize - 1);
+    let start: usize = before.map(str::len).sum();
+    let mut letters = text[start..].char_indices().skip(pos.col as usize - 1);
+    letters.next().map_or(text.len(), |(at, _)| start + at)
+}
+
+/// Name and line of the innermost element that is open at the end of a text, if at most [`MAX_DEPTH`] are.
+///
+/// The parser tells neither, but what it expects in place of a wrong end tag: so elements are closed one by one.
+fn innermost_open(text: &str) -> Option<(String, usize)> {
+    let mut closed = text.to_owned();
+    for _ in 0..=MAX_DEPTH {
+        match Document::parse(&format!("{closed}</_>")) {
+            Err(Error::UnexpectedCloseTag(due, ..)) => closed += &format!("</{due}>"),
+            _ => break,
+        }
     }
-}
-
-fn read_name<'a>(rest: &mut &'a str) -> Option<&'a str> {
-    let length = rest
-        .find(|c: char| !(c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | ':')))
-        .unwrap_or(rest.len());
-    let (name, after) = rest.split_at(length);
-    *rest = after;
-    (!name.is_empty()).then_some(name)
-}
-
-fn find<'a>(tag: &Tag<'a>, attribute: &str) -> Option<&'a str> {
-    let found = tag.attributes.iter().find(|(name, _)| *name == attribute);
-    found.map(|(_, value)| *value)
-}
-
-fn bad_vector<'a>(tag: &Tag<'a>) -> Option<(&'a str, &'a str)> {
-    tag.attributes
-        .iter()
-        .copied()
-        .filter(|(name, _)| VECTORS.contains(name))
-        .find(|(_, value)| {
-            value
-                .split_whitespace()
-                .any(|word| word.parse::<f64>().is_err())
-        })
-}
-
-fn newlines(text: &str) -> usize {
-    text.bytes().filter(|&b| b == b'\n').count()
+    let document = Document::parse(&closed).ok()?;
+    let mut open = document.root_element();
+    while let Some(last) = open.last_element_child()
+        && last.range().end > text.len()
+    {
+        open = last;
+    }
+    let name = short(open.tag_name().name());
+    Some((name, line(text, open.range().start)))
 }

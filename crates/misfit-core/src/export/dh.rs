@@ -247,42 +247,8 @@ fn tables(
             sine < if four_numbers { EXACTLY } else { NEARLY }
         })
         .collect();
-    let poses = nominal.body_poses(&vec![0.0; nominal.joints.len()]);
     let last = end(nominal);
-    let mut near = match ends {
-        Some(ends) => {
-            let modified = ends.convention == Convention::Modified;
-            let own = (ends.free.0, ends.free.1, 0.0);
-            let none = (0.0, 0.0, 0.0);
-            let ends_x = if modified { [own, none] } else { [none, own] };
-            let frames = chain.iter().map(|&joint| {
-                // the frame that the row ends in: its x is that of the frame behind Z
-                poses[joint + 1] * nominal.body_from_frame(joint + 1)
-            });
-            let mut frames: Vec<_> = frames.collect();
-            if let Some(frame) = frames.last_mut() {
-                *frame = last * (across(ends_x[1]) * ends.tool).inverse();
-            }
-            Near {
-                first: ends.base * across(ends_x[0]),
-                frames,
-                ends: ends_x,
-                modified,
-            }
-        }
-        None => {
-            let mut frames: Vec<_> = chain.iter().map(|&joint| poses[joint + 1]).collect();
-            if let Some(frame) = frames.last_mut() {
-                *frame = last;
-            }
-            Near {
-                first: Isometry3::identity(),
-                frames,
-                ends: [(0.0, 0.0, 0.0); 2],
-                modified: true,
-            }
-        }
-    };
+    let mut near = near(nominal, chain, &last, ends);
     let (table, frames) = table(nominal, chain, &there, &last, &near, &fifth);
     // the calibrated table shall be near the nominal one
     near.first = table.base * across(near.ends[0]);
@@ -297,6 +263,41 @@ fn tables(
         row.alpha = beside(row.alpha, old.alpha);
     }
     (table, corrected)
+}
+
+/// The nominal robot's own table, or its frames where it has none; `last` is the target's link.
+fn near(robot: &Robot, chain: &[usize], last: &Isometry3<f64>, ends: Option<&Ends>) -> Near {
+    let none = (0.0, 0.0, 0.0);
+    let poses = robot.body_poses(&vec![0.0; robot.joints.len()]);
+    let mut near = Near {
+        first: Isometry3::identity(),
+        frames: chain.iter().map(|&joint| poses[joint + 1]).collect(),
+        ends: [none; 2],
+        modified: true,
+    };
+    let mut tool = Isometry3::identity();
+    if let Some(ends) = ends {
+        near.modified = ends.convention == Convention::Modified;
+        let own = (ends.free.0, ends.free.1, 0.0);
+        near.ends = if near.modified {
+            [own, none]
+        } else {
+            [none, own]
+        };
+        near.first = ends.base * across(near.ends[0]);
+        // The frame that the row ends in: its x is that of the frame behind Z.
+        for (frame, &joint) in near.frames.iter_mut().zip(chain) {
+            *frame *= robot.body_from_frame(joint + 1);
+        }
+        tool = across(near.ends[1]) * ends.tool;
+    }
+    if let Some(frame) = near.frames.last_mut() {
+        *frame = match ends {
+            Some(_) => last * tool.inverse(),
+            None => *last,
+        };
+    }
+    near
 }
 
 /// An angle, full turns away, next to another.

@@ -7,9 +7,10 @@
 
 use super::{Calibrated, ExportError, compare};
 use crate::campaign::Campaign;
-use crate::robot::{Robot, Tag, escaped, inertial, origin, tags, to_urdf};
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use crate::robot::{Element, Robot, RobotError, clean, escaped, inertial, origin, parse, to_urdf};
+use nalgebra::Isometry3;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 /// A file that was made.
 #[derive(Debug, Clone)]
@@ -42,10 +43,6 @@ pub fn write(
     let own = &campaign.robot_file;
     let nominal = &calibrated.setup.robot;
     let is_table = own.name.to_lowercase().ends_with(".toml");
-    let unfit = |source| ExportError::Unfit {
-        source,
-        advice: ADVICE,
-    };
     let (text, generated);
     let nominal = if is_table {
         // links of its own may stand on the axes, where those of a standard table do not
@@ -56,7 +53,9 @@ pub fn write(
         text = own.text.clone();
         nominal
     };
-    let mut editor = Editor::new(&own.name, &text);
+    let clean = clean(&own.name, &text).map_err(unfit)?;
+    let document = parse(&own.name, &clean).map_err(unfit)?;
+    let mut editor = Editor::new(&own.name, &text, Element::root(&own.name, &document));
     editor.calibrate(nominal, calibrated)?;
     editor.add_frames(calibrated)?;
     editor.comment(note);
@@ -88,6 +87,13 @@ pub fn write(
     })
 }
 
+fn unfit(source: RobotError) -> ExportError {
+    ExportError::Unfit {
+        source,
+        advice: ADVICE,
+    }
+}
+
 /// Does a link's frame stay on its joint's axis, so that what it carries is moved instead?
 fn stays(robot: &Robot, calibrated: &Calibrated, body: usize, link: &str) -> bool {
     let first = body > 0 && robot.bodies[body].name == link;
@@ -100,73 +106,16 @@ fn is_target(calibrated: &Calibrated, link: &str) -> bool {
     targets.any(|target| setup.robot.links[target.link].name == link)
 }
 
-/// A tag and where it begins.
-type Placed<'a> = (usize, Tag<'a>);
-
-/// An element of the robot: a joint, a link, or a part of a link that has an origin.
-struct Element<'a> {
-    /// Its first tag.
-    opening: Placed<'a>,
-    /// Tags of the elements directly in it, by name.
-    inner: BTreeMap<&'a str, Placed<'a>>,
-    /// Of a link: inertial, visuals and collisions.
-    parts: Vec<Element<'a>>,
-}
-
-impl<'a> Element<'a> {
-    fn new(opening: Placed<'a>) -> Self {
-        Self {
-            opening,
-            inner: BTreeMap::new(),
-            parts: Vec::new(),
-        }
-    }
-
-    fn name(&self) -> String {
-        self.opening.1.value("name").unwrap_or_default()
-    }
-
-    /// A link that it names as its parent or child.
-    fn link(&self, role: &str) -> Option<String> {
-        self.inner.get(role)?.1.value("link")
-    }
-
-    fn pose(&self) -> Isometry3<f64> {
-        let three = |attribute: &str| {
-            let text = self
-                .inner
-                .get("origin")
-                .and_then(|origin| origin.1.value(attribute))
-                .unwrap_or_default();
-            let numbers: Vec<f64> = text
-                .split_whitespace()
-                .filter_map(|word| word.parse().ok())
-                .collect();
-            match numbers[..] {
-                [x, y, z] => [x, y, z],
-                _ => [0.0; 3],
-            }
-        };
-        let [roll, pitch, yaw] = three("rpy");
-        Isometry3::from_parts(
-            Translation3::from(Vector3::from(three("xyz"))),
-            UnitQuaternion::from_euler_angles(roll, pitch, yaw),
-        )
-    }
-}
+/// Elements of a link that have an origin.
+const PARTS: [&str; 3] = ["inertial", "visual", "collision"];
 
 /// The text, what is in it, and what is to be changed.
 struct Editor<'a> {
     file: &'a str,
     text: &'a str,
-    joints: Vec<Element<'a>>,
-    links: Vec<Element<'a>>,
-    /// Behind the `<robot>` tag, and before the one that closes it.
-    inside: (usize, usize),
-    /// Meshes by their addresses.
-    meshes: Vec<String>,
+    robot: Element<'a>,
     /// From and to which byte, and what is put there.
-    edits: Vec<(usize, usize, String)>,
+    edits: Vec<(Range<usize>, String)>,
     /// Put before the end.
     tail: String,
     added: Vec<String>,
@@ -174,59 +123,24 @@ struct Editor<'a> {
 }
 
 impl<'a> Editor<'a> {
-    fn new(file: &'a str, text: &'a str) -> Self {
-        let mut editor = Self {
+    fn new(file: &'a str, text: &'a str, robot: Element<'a>) -> Self {
+        Self {
             file,
             text,
-            joints: Vec::new(),
-            links: Vec::new(),
-            inside: (0, text.len()),
-            meshes: Vec::new(),
+            robot,
             edits: Vec::new(),
             tail: String::new(),
             added: Vec::new(),
             made_up: false,
-        };
-        let mut path: Vec<&str> = Vec::new();
-        for (at, tag) in tags(text) {
-            if tag.closing {
-                path.pop();
-                if path.is_empty() {
-                    editor.inside.1 = at;
-                }
-                continue;
-            }
-            let (name, empty) = (tag.name, tag.empty);
-            match path[..] {
-                [] => editor.inside.0 = at + tag.text.len(),
-                [_] if name == "joint" => editor.joints.push(Element::new((at, tag))),
-                [_] if name == "link" => editor.links.push(Element::new((at, tag))),
-                [_, "joint"] => {
-                    if let Some(joint) = editor.joints.last_mut() {
-                        joint.inner.entry(name).or_insert((at, tag));
-                    }
-                }
-                [_, "link"] if ["inertial", "visual", "collision"].contains(&name) => {
-                    if let Some(link) = editor.links.last_mut() {
-                        link.parts.push(Element::new((at, tag)));
-                    }
-                }
-                [_, "link", part] if ["inertial", "visual", "collision"].contains(&part) => {
-                    let link = editor.links.last_mut();
-                    if let Some(part) = link.and_then(|link| link.parts.last_mut()) {
-                        part.inner.entry(name).or_insert((at, tag));
-                    }
-                }
-                [_, "link", _, "geometry"] if name == "mesh" => {
-                    editor.meshes.extend(tag.value("filename"));
-                }
-                _ => {}
-            }
-            if !empty {
-                path.push(name);
-            }
         }
-        editor
+    }
+
+    fn joints(&self) -> impl Iterator<Item = Element<'a>> + use<'a> {
+        self.robot.all(&["joint"])
+    }
+
+    fn links(&self) -> impl Iterator<Item = Element<'a>> + use<'a> {
+        self.robot.all(&["link"])
     }
 
     fn lost(&self, what: String) -> ExportError {
@@ -248,16 +162,15 @@ impl<'a> Editor<'a> {
                 self.put_between(&robot.joints[body - 1].name, name, motion)?;
             }
         }
-        let mut edits = Vec::new();
         let mut seen = BTreeSet::new();
-        for joint in &self.joints {
-            let (name, parent) = (joint.name(), joint.link("parent").unwrap_or_default());
-            let before = moved.get(parent.as_str());
-            let offset = robot.joint(&name).map(|index| {
+        for joint in self.joints() {
+            let parent = joint.required("parent").and_then(|role| role.text("link"));
+            let before = moved.get(parent.map_err(unfit)?);
+            let offset = robot.joint(joint.name()).map(|index| {
                 seen.insert(index);
                 (index, calibrated.offsets[index])
             });
-            let mut pose = joint.pose();
+            let mut pose = joint.pose().map_err(unfit)?;
             if let Some(before) = before {
                 pose = before * pose;
             }
@@ -265,20 +178,20 @@ impl<'a> Editor<'a> {
                 pose *= robot.joints[index].motion(offset);
             }
             if before.is_some() || offset.is_some_and(|(_, offset)| offset != 0.0) {
-                edits.push(set_origin(self.text, joint, &pose));
+                self.set_origin(joint, &pose)?;
             }
         }
         if let Some(index) = (0..robot.joints.len()).find(|index| !seen.contains(index)) {
             return Err(self.lost(format!("joint \"{}\"", robot.joints[index].name)));
         }
-        for link in &self.links {
-            if let Some(motion) = moved.get(link.name().as_str()) {
-                for part in &link.parts {
-                    edits.push(set_origin(self.text, part, &(motion * part.pose())));
+        for link in self.links() {
+            if let Some(motion) = moved.get(link.name()) {
+                for part in link.all(&PARTS) {
+                    let pose = motion * part.pose().map_err(unfit)?;
+                    self.set_origin(part, &pose)?;
                 }
             }
         }
-        self.edits.extend(edits);
         for (body, &more) in calibrated.masses.iter().enumerate() {
             if more != 0.0 {
                 let behind = moved.get(robot.bodies[body].name.as_str());
@@ -297,14 +210,11 @@ impl<'a> Editor<'a> {
     ) -> Result<(), ExportError> {
         let between = self.unused(&format!("{child}_axis"));
         let fixed = self.unused(&format!("{child}_calibrated"));
-        let found = self.joints.iter().find(|element| element.name() == joint);
-        let tag = found.and_then(|element| element.inner.get("child"));
-        let Some((at, tag)) = tag else {
-            return Err(self.lost(format!("the child of joint \"{joint}\"")));
+        let Some(element) = self.joints().find(|element| element.name() == joint) else {
+            return Err(self.lost(format!("joint \"{joint}\"")));
         };
-        let end = if tag.empty { "/>" } else { ">" };
-        let named = format!("<child link=\"{}\"{end}", escaped(&between));
-        self.edits.push((*at, at + tag.text.len(), named));
+        let tag = element.required("child").map_err(unfit)?;
+        self.replace(tag, &format!("<child link=\"{}\"", escaped(&between)));
         self.append(&between);
         self.attach(&fixed, &between, child, motion);
         Ok(())
@@ -325,48 +235,59 @@ impl<'a> Editor<'a> {
             .filter(|link| link.body == body)
             .map(|link| link.name.as_str())
             .collect();
-        let mut edits = Vec::new();
         if whole.mass > 0.0 {
             let factor = (whole.mass + more) / whole.mass;
-            for link in &self.links {
-                if !of_body.contains(link.name().as_str()) {
-                    continue;
-                }
-                let inertials = link.parts.iter().filter(|p| p.opening.1.name == "inertial");
-                for (at, tag) in inertials
-                    .flat_map(|p| ["mass", "inertia"].map(|n| p.inner.get(n)))
-                    .flatten()
-                {
-                    edits.push((*at, at + tag.text.len(), scaled(tag, factor)));
-                }
-            }
-        } else {
-            let found = self.links.iter().find(|link| link.name() == whole.name);
-            let Some(link) = found else {
-                return Err(self.lost(format!("link \"{}\"", whole.name)));
-            };
-            let pose = behind.copied().unwrap_or_else(Isometry3::identity);
-            let mass = inertial(more, &pose);
-            let (at, tag) = &link.opening;
-            let end = at + tag.text.len();
-            // an inertial without a mass may stand there already
-            let old = link.parts.iter().find(|p| p.opening.1.name == "inertial");
-            match (old, tag.text.strip_suffix("/>")) {
-                (Some(old), _) => {
-                    if let Some((at, tag)) = old.inner.get("mass") {
-                        let end = if tag.empty { "/>" } else { ">" };
-                        let mass = format!("<mass value=\"{more:?}\"{end}");
-                        edits.push((*at, at + tag.text.len(), mass));
+            for link in self.links().filter(|link| of_body.contains(link.name())) {
+                for inertial in link.all(&["inertial"]) {
+                    for tag in inertial.all(&["mass", "inertia"]) {
+                        self.edits.push((tag.opening(), tag.scaled(factor)));
                     }
                 }
-                (None, Some(opening)) => {
-                    edits.push((*at, end, format!("{opening}>{mass}</link>")));
-                }
-                (None, None) => edits.push((end, end, mass)),
             }
-            self.made_up = true;
+            return Ok(());
         }
-        self.edits.extend(edits);
+        self.made_up = true;
+        let Some(link) = self.links().find(|link| link.name() == whole.name) else {
+            return Err(self.lost(format!("link \"{}\"", whole.name)));
+        };
+        // An inertial without a mass may stand there already.
+        if let Some(old) = link.child("inertial").map_err(unfit)? {
+            let mass = old.required("mass").map_err(unfit)?;
+            self.replace(mass, &format!("<mass value=\"{more:?}\""));
+            return Ok(());
+        }
+        let pose = behind.copied().unwrap_or_else(Isometry3::identity);
+        let mass = inertial(more, &pose);
+        let opening = link.opening();
+        match self.text[opening.clone()].strip_suffix("/>") {
+            Some(start) => self.edits.push((opening, format!("{start}>{mass}</link>"))),
+            None => self.edits.push((opening.end..opening.end, mass)),
+        }
+        Ok(())
+    }
+
+    /// Puts another first tag for an element, given without its end.
+    fn replace(&mut self, element: Element<'a>, tag: &str) {
+        let end = if element.is_empty() { "/>" } else { ">" };
+        self.edits.push((element.opening(), format!("{tag}{end}")));
+    }
+
+    /// Gives an element another origin; one that it had not is indented as what it stands before.
+    fn set_origin(
+        &mut self,
+        element: Element<'a>,
+        pose: &Isometry3<f64>,
+    ) -> Result<(), ExportError> {
+        let new = origin(pose);
+        match element.child("origin").map_err(unfit)? {
+            Some(old) => self.replace(old, new.strip_suffix("/>").unwrap_or(&new)),
+            None => {
+                let at = element.opening().end;
+                let rest = &self.text[at..];
+                let blanks = &rest[..rest.len() - rest.trim_start().len()];
+                self.edits.push((at..at, format!("{blanks}{new}")));
+            }
+        }
         Ok(())
     }
 
@@ -388,7 +309,7 @@ impl<'a> Editor<'a> {
     }
 
     fn hang(&mut self, name: &str, parent: &str, pose: &Isometry3<f64>) -> Result<(), ExportError> {
-        if self.links.iter().all(|link| link.name() != parent) {
+        if self.links().all(|link| link.name() != parent) {
             return Err(self.lost(format!("link \"{parent}\"")));
         }
         let name = self.unused(name);
@@ -416,9 +337,9 @@ impl<'a> Editor<'a> {
     /// A name that no link and no joint of the file has.
     fn unused(&self, name: &str) -> String {
         let mut name = name.to_owned();
-        let mut taken: BTreeSet<String> = self.added.iter().cloned().collect();
-        taken.extend(self.links.iter().chain(&self.joints).map(Element::name));
-        while taken.contains(&name) {
+        let mut taken: BTreeSet<&str> = self.added.iter().map(String::as_str).collect();
+        taken.extend(self.robot.all(&["link", "joint"]).map(Element::name));
+        while taken.contains(name.as_str()) {
             name.push('_');
         }
         name
@@ -430,66 +351,40 @@ impl<'a> Editor<'a> {
         while note.contains("--") {
             note = note.replace("--", "- -");
         }
-        let at = self.inside.0;
-        self.edits.push((at, at, format!("\n  <!-- {note} -->")));
+        let at = self.robot.opening().end;
+        self.edits.push((at..at, format!("\n  <!-- {note} -->")));
     }
 
     fn relative_meshes(&self) -> usize {
-        let relative = |name: &&String| !name.contains("://") && !name.starts_with('/');
-        self.meshes.iter().filter(relative).count()
+        let parts = self.links().flat_map(|link| link.all(&PARTS));
+        let shapes = parts.flat_map(|part| part.all(&["geometry"]));
+        let meshes = shapes.flat_map(|shape| shape.all(&["mesh"]));
+        meshes
+            .filter_map(|mesh| mesh.attribute("filename"))
+            .filter(|name| !name.contains("://") && !name.starts_with('/'))
+            .count()
     }
 
     fn finish(mut self) -> String {
-        let end = self.inside.1;
+        let end = self.robot.closing();
         if !self.tail.is_empty() {
             let tail = std::mem::take(&mut self.tail);
             let tail = match self.text[..end].ends_with('\n') {
                 true => format!("\n{tail}"),
                 false => format!("\n\n{tail}"),
             };
-            self.edits.push((end, end, tail));
+            self.edits.push((end..end, tail));
         }
-        self.edits.sort_by_key(|edit| (edit.0, edit.1));
+        self.edits
+            .sort_by_key(|(bytes, _)| (bytes.start, bytes.end));
         let mut text = String::with_capacity(self.text.len() + 1024);
         let mut at = 0;
-        for (from, to, new) in &self.edits {
-            text.push_str(&self.text[at..*from]);
+        for (bytes, new) in &self.edits {
+            text.push_str(&self.text[at..bytes.start]);
             text.push_str(new);
-            at = *to;
+            at = bytes.end;
         }
         text.push_str(&self.text[at..]);
         text
     }
-}
-
-/// Gives an element another origin; one that it had not is indented as what it stands before.
-fn set_origin(text: &str, element: &Element<'_>, pose: &Isometry3<f64>) -> (usize, usize, String) {
-    let new = origin(pose);
-    match element.inner.get("origin") {
-        Some((at, tag)) if tag.empty => (*at, at + tag.text.len(), new),
-        Some((at, tag)) => {
-            let open = new.strip_suffix("/>").unwrap_or(&new);
-            (*at, at + tag.text.len(), format!("{open}>"))
-        }
-        None => {
-            let (at, tag) = &element.opening;
-            let at = at + tag.text.len();
-            let rest = &text[at..];
-            let blanks = &rest[..rest.len() - rest.trim_start().len()];
-            (at, at, format!("{blanks}{new}"))
-        }
-    }
-}
-
-/// A tag all of whose numbers are multiplied.
-fn scaled(tag: &Tag<'_>, factor: f64) -> String {
-    let mut text = format!("<{}", tag.name);
-    for (name, value) in &tag.attributes {
-        let number = value
-            .trim()
-            .parse::<f64>()
-            .map(|x| format!("{:?}", x * factor));
-        text += &format!(" {name}=\"{}\"", number.as_deref().unwrap_or(value));
-    }
-    text + if tag.empty { "/>" } else { ">" }
 }
