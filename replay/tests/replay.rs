@@ -128,6 +128,7 @@ fn campaign(model: &str, links: &[&str], readings: Vec<Reading>) -> Campaign {
         noise: None,
         readings,
         warnings: Vec::new(),
+        notes: Vec::new(),
     }
 }
 

@@ -1,7 +1,7 @@
 //! `misfit compensate`.
 
 use super::{Outcome, print, print_json, progress, usage};
-use crate::campaign::{Campaign, Reading, Tasks, read_tasks, render_commands, write_atomically};
+use crate::campaign::{Reading, Tasks, read_tasks, render_commands, write_atomically};
 use crate::compensation::{Corrected, End, Reach, Robot, correct, posture};
 use crate::fit::{self, Options};
 use crate::model::{Model, Workspace};
@@ -110,7 +110,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     ];
     super::writable(&[arguments.output.as_deref()], &arguments.campaign, &read)?;
     let spinner = progress::spinner();
-    let campaign = Campaign::load(&arguments.campaign)?;
+    let campaign = super::load(&arguments.campaign)?;
     let Tasks {
         readings: mut tasks,
         has_joints: named,

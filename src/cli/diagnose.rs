@@ -2,7 +2,6 @@
 
 use super::record::Record;
 use super::{Outcome, print, print_json, progress, report as pages};
-use crate::campaign::Campaign;
 use crate::diagnosis::{self, Diagnosis};
 use crate::fit::{self, Options};
 use crate::report::format::WIDTH;
@@ -54,7 +53,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let others = [arguments.candidates.as_deref(), arguments.model.as_deref()];
     super::writable(&outputs, &arguments.campaign, &others)?;
     let spinner = progress::spinner();
-    let campaign = Campaign::load(&arguments.campaign)?;
+    let campaign = super::load(&arguments.campaign)?;
     let model = model_file::model(
         &campaign,
         arguments.effects.as_deref(),

@@ -78,7 +78,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let others = [arguments.model.as_deref()];
     super::writable(&[Some(path)], &arguments.campaign, &others)?;
     let spinner = progress::spinner();
-    let campaign = Campaign::load(&arguments.campaign)?;
+    let campaign = super::load(&arguments.campaign)?;
     let target = if is_table {
         target(arguments, &campaign)?
     } else {

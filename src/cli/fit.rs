@@ -61,7 +61,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     ];
     super::writable(&outputs, &arguments.campaign, &[arguments.model.as_deref()])?;
     let spinner = progress::spinner();
-    let campaign = Campaign::load(&arguments.campaign)?;
+    let campaign = super::load(&arguments.campaign)?;
     if arguments.method == Method::Paper {
         return paper(arguments, &campaign);
     }

@@ -2,7 +2,6 @@
 
 use super::record::Record;
 use super::{Outcome, print, print_json, progress, report as pages};
-use crate::campaign::Campaign;
 use crate::fit::Options;
 use crate::ladder::{self, Stop};
 use crate::report::html::{Origin, Results};
@@ -56,7 +55,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let others = [arguments.candidates.as_deref()];
     super::writable(&outputs, &arguments.campaign, &others)?;
     let spinner = progress::spinner();
-    let campaign = Campaign::load(&arguments.campaign)?;
+    let campaign = super::load(&arguments.campaign)?;
     let options = Options {
         cross_validate: !arguments.no_cross_validation,
     };

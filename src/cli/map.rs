@@ -1,7 +1,7 @@
 //! `misfit map`.
 
 use super::{Outcome, pictures, plan, print, print_json, progress, run, usage};
-use crate::campaign::{Campaign, Payload, RobotFile, write_atomically};
+use crate::campaign::{Payload, RobotFile, write_atomically};
 use crate::compensation::{Reach, Robot};
 use crate::fit::{self, Options};
 use crate::map::{By, Map, Request, Which, by_model, postures};
@@ -139,7 +139,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if arguments.by.is_some_and(|by| by != Teller::Model) {
         return Err(usage("--by: a campaign has no plant; accepted: model"));
     }
-    let campaign = Campaign::load(&arguments.spec)?;
+    let campaign = super::load(&arguments.spec)?;
     let mut wanted = Request::default();
     adjust(arguments, &mut wanted);
     let spinner = progress::spinner();

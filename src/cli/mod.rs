@@ -21,7 +21,7 @@ mod simulate;
 mod sweep;
 mod terminal;
 
-use crate::campaign::folder_of;
+use crate::campaign::{Campaign, folder_of};
 use crate::input::{self, LARGEST_TOML};
 use anyhow::Context;
 use clap::{CommandFactory, Parser, Subcommand};
@@ -141,6 +141,20 @@ fn usage(message: impl std::fmt::Display) -> anyhow::Error {
     Arguments::command().error(kind, message).into()
 }
 
+/// Reads a campaign, and says on stderr what the reader left out.
+fn load(path: &Path) -> anyhow::Result<Campaign> {
+    let campaign = Campaign::load(path)?;
+    if !terminal::is_quiet() {
+        use std::io::Write;
+        let mut out = std::io::stderr().lock();
+        for note in &campaign.notes {
+            // nothing is left to be done if stderr is closed
+            let _ = writeln!(out, "note: {}", terminal::tame(note));
+        }
+    }
+    Ok(campaign)
+}
+
 /// Refuses files to be written that are read, or that have no folder: before the work, not after it.
 fn writable(
     outputs: &[Option<&Path>],
@@ -164,9 +178,10 @@ fn spare(output: &Path, campaign: &Path, others: &[Option<&Path>]) -> anyhow::Re
     let text = input::text(campaign, LARGEST_TOML).unwrap_or_default();
     if let Ok(table) = input::toml::<toml::Table>(&text) {
         let folder = campaign.parent().unwrap_or(Path::new(""));
-        let named = ["robot", "table"]
-            .iter()
-            .filter_map(|key| table.get(*key)?.as_str());
+        let named = ["robot", "table"].iter().filter_map(|key| {
+            let value = table.get(*key)?;
+            value.as_str().or_else(|| value.get("file")?.as_str())
+        });
         read.extend(named.map(|name| folder.join(name)));
     }
     let same = |path: &&PathBuf| path.canonicalize().is_ok_and(|path| path == own);

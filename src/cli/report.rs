@@ -54,7 +54,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let others = [arguments.candidates.as_deref()];
     super::writable(&[Some(&arguments.output)], &arguments.campaign, &others)?;
     let spinner = progress::spinner();
-    let campaign = Campaign::load(&arguments.campaign)?;
+    let campaign = super::load(&arguments.campaign)?;
     let options = Options {
         cross_validate: !arguments.no_cross_validation,
     };

@@ -17,6 +17,10 @@ pub const LARGEST_URDF: u64 = 16_000_000;
 pub const LARGEST_TABLE: u64 = 2_000_000_000;
 /// Longest line of a table, bytes; a quoted cell may go over several lines, all of which count.
 pub const LONGEST_LINE: usize = 1_000_000;
+/// Largest workbook, bytes: a million rows of twenty columns take less.
+pub const LARGEST_WORKBOOK: u64 = 200_000_000;
+/// Most that a workbook may unpack to, bytes.
+pub const LARGEST_WORKBOOK_UNPACKED: u64 = 500_000_000;
 /// Most readings of a campaign, in a table, a recording or by a scenario's design.
 pub const MOST_READINGS: usize = 1_000_000;
 /// Largest recording, and the most that its records may unpack to, bytes.
@@ -41,6 +45,14 @@ pub enum InputError {
     TooLarge {
         /// The limit with its unit.
         limit: String,
+    },
+    /// Something in it that would cost more than it is worth.
+    #[error("found {found}; accepted: {accepted}")]
+    Content {
+        /// What.
+        found: String,
+        /// What may stand there.
+        accepted: String,
     },
     /// Bytes that are no text.
     #[error("line {line}: found bytes that are not UTF-8; accepted: text in UTF-8")]

@@ -1,6 +1,7 @@
 //! What each column of a table holds, found from its header word.
 
 use super::error::{CampaignError, quoted};
+use super::orientation::Convention;
 use super::units::{self, Dimension, UNITS, Unit};
 use crate::robot::{JointKind, Robot};
 use std::collections::{BTreeMap, BTreeSet};
@@ -88,7 +89,7 @@ impl Role {
     }
 
     /// `None` for labels and pure numbers, whose header word has no unit.
-    fn dimension(self, robot: &Robot) -> Option<Dimension> {
+    pub(super) fn dimension(self, robot: &Robot) -> Option<Dimension> {
         match self {
             Self::Time => Some(Dimension::Time),
             Self::Temperature | Self::LinkTemperature(_) => Some(Dimension::Temperature),
@@ -118,13 +119,54 @@ impl Role {
     }
 }
 
-/// The columns of one table.
+/// Where a quantity stands, and how its number becomes one of the inside: `sign × cell + offset`, then the unit.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    /// Index of the column.
+    pub(super) index: usize,
+    pub(super) unit: Option<&'static Unit>,
+    pub(super) sign: f64,
+    /// In the unit of the column.
+    pub(super) offset: f64,
+}
+
+impl Place {
+    /// A number as it stands there.
+    pub(super) fn plain(index: usize, unit: Option<&'static Unit>) -> Self {
+        Self {
+            index,
+            unit,
+            sign: 1.0,
+            offset: 0.0,
+        }
+    }
+
+    /// In units of the inside. A cell without sign and offset is converted as it is: no bit is lost.
+    pub(super) fn to_inner(self, cell: f64) -> f64 {
+        let number = match (self.sign, self.offset) {
+            (1.0, 0.0) => cell,
+            (sign, offset) => sign * cell + offset,
+        };
+        self.unit.map_or(number, |unit| (unit.to_inner)(number))
+    }
+}
+
+/// The columns of one table, or of one target in it.
+#[derive(Clone)]
 pub(super) struct Columns {
     /// Header words in the order of the file.
     pub(super) headers: Vec<String>,
-    at: BTreeMap<Role, (usize, Option<&'static Unit>)>,
+    at: BTreeMap<Role, Place>,
     /// A column `split` that the campaign file does not ask for.
     pub(super) unused_split: bool,
+    /// How the orientation is written, if not as qw qx qy qz.
+    pub(super) convention: Option<Convention>,
+    /// The sign of decimals.
+    pub(super) decimal: char,
+    /// Whose position and orientation these are, where a row has those of several targets.
+    pub(super) target: Option<usize>,
+    /// Are the header words the user's own, so that a row need not have a cell for each?
+    pub(super) mapped: bool,
 }
 
 impl Columns {
@@ -137,11 +179,7 @@ impl Columns {
     ) -> Result<Self, CampaignError> {
         let legal = Legal::of(robot);
         legal.check_split_column(file, split_column, &headers)?;
-        let mut columns = Self {
-            headers: Vec::new(),
-            at: BTreeMap::new(),
-            unused_split: false,
-        };
+        let mut columns = Self::empty(Vec::new());
         for (index, header) in headers.iter().enumerate() {
             let (role, unit) = if Some(header.as_str()) == split_column {
                 (Role::Split, None)
@@ -152,9 +190,11 @@ impl Columns {
                 columns.unused_split = true;
                 continue;
             }
-            if let Some((first, _)) = columns.at.insert(role, (index, unit)) {
+            if let Some(first) = columns.at.insert(role, Place::plain(index, unit)) {
+                let first = first.index;
                 return Err(CampaignError::Column {
                     file: file.into(),
+                    line: 1,
                     column: header.clone(),
                     found: format!(
                         "the same quantity twice, in columns {} ({}) and {} ({})",
@@ -171,13 +211,38 @@ impl Columns {
         Ok(columns)
     }
 
+    /// A table without a column that means anything yet.
+    pub(super) fn empty(headers: Vec<String>) -> Self {
+        Self {
+            headers,
+            at: BTreeMap::new(),
+            unused_split: false,
+            convention: None,
+            decimal: '.',
+            target: None,
+            mapped: false,
+        }
+    }
+
+    /// The same columns, to be filled up with those of one target.
+    pub(super) fn of_target(&self, target: usize) -> Self {
+        let mut columns = self.clone();
+        columns.target = Some(target);
+        columns
+    }
+
+    /// Gives a quantity its place; the place that it had.
+    pub(super) fn put(&mut self, role: Role, place: Place) -> Option<Place> {
+        self.at.insert(role, place)
+    }
+
     /// Whether the table has this column.
     pub(super) fn has(&self, role: Role) -> bool {
         self.at.contains_key(&role)
     }
 
-    /// Where the column stands in the file, and its unit.
-    pub(super) fn place(&self, role: Role) -> Option<(usize, Option<&'static Unit>)> {
+    /// Where the column stands in the file, its unit and sign.
+    pub(super) fn place(&self, role: Role) -> Option<Place> {
         self.at.get(&role).copied()
     }
 
@@ -200,16 +265,31 @@ impl Columns {
                 let names: Vec<String> = roles.iter().map(|role| role.header(robot)).collect();
                 Err(CampaignError::Column {
                     file: file.into(),
+                    line: 1,
                     column: missing.header(robot),
                     found: format!("no such column, {because}"),
-                    accepted: format!(
-                        "the columns {} (known units are converted)",
-                        names.join(" ")
-                    ),
+                    accepted: match self.mapped {
+                        false => format!(
+                            "the columns {} (known units are converted)",
+                            names.join(" ")
+                        ),
+                        true => format!(
+                            "the columns {}, or your own words for them under [columns]",
+                            names.join(" ")
+                        ),
+                    },
                 })
             }
         }
     }
+}
+
+/// What a header word of the plain format means, if it has a meaning that needs no context.
+pub(super) fn plain_words(robot: &Robot) -> BTreeMap<String, (Role, Option<&'static Unit>)> {
+    let legal = Legal::of(robot);
+    let mut words = legal.words;
+    words.retain(|word, _| !legal.ambiguous.contains(word));
+    words
 }
 
 /// Every header word that a table of one robot may have.
@@ -270,6 +350,7 @@ impl Legal {
         let refuse = |found: &str, accepted: String| {
             Err(CampaignError::Column {
                 file: file.into(),
+                line: 1,
                 column: name.into(),
                 found: found.into(),
                 accepted,
@@ -306,6 +387,7 @@ impl Legal {
             };
             Err(CampaignError::Column {
                 file: file.into(),
+                line: 1,
                 column,
                 found,
                 accepted,
@@ -384,7 +466,7 @@ impl Legal {
 }
 
 /// Letters to insert, delete or replace to make `b` of `a`, case aside.
-fn distance(a: &str, b: &str) -> usize {
+pub(super) fn distance(a: &str, b: &str) -> usize {
     // A header word may be a megabyte of garbage; its beginning tells enough.
     let letters = |s: &str| -> Vec<char> { s.to_lowercase().chars().take(64).collect() };
     let (a, b) = (letters(a), letters(b));

@@ -1,6 +1,8 @@
 //! `campaign.toml`: what may stand in it, what it means, and how it is written.
 
 use super::error::{CampaignError, quoted};
+use super::layout::Layout;
+use super::mapping::Mapping;
 use super::row::unit_quaternion;
 use super::{Campaign, Frame, Noise, Target};
 use crate::input;
@@ -22,8 +24,10 @@ pub struct Document {
     pub robot: String,
     /// The URDF's root if left out.
     pub base: Option<String>,
-    /// Path of the table, relative to this file; a recording has none.
-    pub table: Option<String>,
+    /// The table, its path relative to this file; a recording has none.
+    table: Option<Value>,
+    /// The user's own header words.
+    columns: Option<toml::Table>,
     gravity: Option<[f64; 3]>,
     #[serde(default, rename = "target")]
     targets: Vec<TargetEntry>,
@@ -94,6 +98,8 @@ pub struct Settings {
     /// What the file says of the noise.
     pub noise: Option<Noise>,
     pub(super) split: SplitRule,
+    pub(super) layout: Option<Layout>,
+    pub(super) mapping: Option<Mapping>,
 }
 
 impl Document {
@@ -132,6 +138,22 @@ impl Document {
             Some(value) => keys.frame("frames.base_from_tracker", value)?,
         };
         let link_from_target = self.link_from_target(&keys, &targets)?;
+        let split = keys.split(self.split.as_ref())?;
+        let layout = self.table.as_ref();
+        let layout = layout
+            .map(|value| Layout::settle(&keys, value))
+            .transpose()?;
+        let mapping = self.columns.as_ref();
+        let mapping = mapping
+            .map(|table| Mapping::settle(&keys, table, robot, &targets))
+            .transpose()?;
+        if split != SplitRule::None && mapping.as_ref().is_some_and(Mapping::has_split) {
+            return keys.refuse(
+                "columns.split",
+                "a column of the split beside [split]".into(),
+                "one of the two",
+            );
+        }
         Ok(Settings {
             gravity: Vector3::from(gravity),
             targets,
@@ -142,7 +164,9 @@ impl Document {
                 .as_ref()
                 .map(|noise| keys.noise(noise))
                 .transpose()?,
-            split: keys.split(self.split.as_ref())?,
+            split,
+            layout,
+            mapping,
         })
     }
 

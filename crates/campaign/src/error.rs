@@ -55,10 +55,12 @@ pub enum CampaignError {
         accepted: String,
     },
     /// The header of the table is not acceptable.
-    #[error("{file}, line 1, column `{column}`: found {found}; accepted: {accepted}")]
+    #[error("{file}, line {line}, column `{column}`: found {found}; accepted: {accepted}")]
     Column {
         /// The table.
         file: String,
+        /// Line of the header.
+        line: usize,
         /// The header word, or the missing one.
         column: String,
         /// What is wrong with it.
@@ -103,6 +105,16 @@ pub enum CampaignError {
         /// What does not hold.
         problem: String,
     },
+}
+
+impl CampaignError {
+    /// The same of a header that is not in the first line.
+    pub(super) fn at_line(mut self, number: usize) -> Self {
+        if let Self::Column { line, .. } = &mut self {
+            *line = number;
+        }
+        self
+    }
 }
 
 /// A piece of the user's text for a message: quoted, on one line, and short.

@@ -6,21 +6,29 @@
 pub mod bag;
 mod check;
 mod columns;
+mod decimal;
+mod delimited;
 mod document;
 mod error;
 mod files;
+mod layout;
+mod mapping;
 pub mod numbers;
 mod open;
+mod orientation;
 mod read;
 #[cfg(feature = "mcap")]
 pub mod recording;
 mod render;
 mod row;
+mod rows;
 pub mod setup;
 pub mod space;
 mod split;
 mod table;
 mod units;
+#[cfg(feature = "xlsx")]
+mod workbook;
 mod write;
 
 pub use document::Settings;
@@ -66,6 +74,8 @@ pub struct Campaign {
     pub readings: Vec<Reading>,
     /// What the reader has to tell its user: joints without a column, and the like.
     pub warnings: Vec<String>,
+    /// What the reader left out as the campaign file says: columns that are not named, and the like.
+    pub notes: Vec<String>,
 }
 
 /// The robot file's own text.

@@ -1,7 +1,11 @@
 //! Reading a campaign from its files.
 
+use super::delimited::Delimited;
 use super::document::{Document, SplitRule};
 use super::error::CampaignError;
+use super::layout::Layout;
+#[cfg(feature = "xlsx")]
+use super::workbook::Workbook;
 use super::{Campaign, Reading, RobotFile, split, table};
 use crate::input::{self, InputError, LARGEST_TABLE, LARGEST_TOML};
 use crate::robot::Robot;
@@ -13,7 +17,11 @@ pub(super) fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
     let file = path.display().to_string();
     let folder = path.parent().unwrap_or(Path::new(""));
     let document = Document::parse(&file, &read_toml(path, &file)?)?;
-    let Some(table_name) = &document.table else {
+    let robot_path = folder.join(&document.robot);
+    let (robot, robot_text) = Robot::load_with_text(&robot_path, document.base.as_deref())?;
+    let settings = document.settle(&file, &robot)?;
+
+    let Some(layout) = &settings.layout else {
         return Err(CampaignError::Key {
             file,
             key: "table".into(),
@@ -21,14 +29,8 @@ pub(super) fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
             accepted: "the path of a CSV table, relative to this file".into(),
         });
     };
-
-    let robot_path = folder.join(&document.robot);
-    let (robot, robot_text) = Robot::load_with_text(&robot_path, document.base.as_deref())?;
-    let settings = document.settle(&file, &robot)?;
-
-    let table_path = folder.join(table_name);
+    let table_path = folder.join(&layout.file);
     let table_file = table_path.display().to_string();
-    let input = open_table(&table_path, &table_file)?;
     let context = table::Context {
         file: &table_file,
         robot: &robot,
@@ -38,12 +40,15 @@ pub(super) fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
             _ => None,
         },
         with_joints: true,
+        layout,
+        mapping: settings.mapping.as_ref(),
     };
     let table::Table {
         mut readings,
         warnings,
+        notes,
         ..
-    } = table::parse(&context, input)?;
+    } = parse(&context, &table_path)?;
     if let SplitRule::Fraction(fraction, seed) = settings.split {
         split::draw(&mut readings, fraction, seed);
     }
@@ -62,6 +67,43 @@ pub(super) fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
         noise: settings.noise,
         readings,
         warnings,
+        notes,
+    })
+}
+
+/// Reads a table in whatever it is written.
+fn parse(context: &table::Context<'_>, path: &Path) -> Result<table::Table, CampaignError> {
+    if context.layout.is_workbook() {
+        return parse_workbook(context, path);
+    }
+    let input = open_table(path, context.file)?;
+    table::parse(
+        context,
+        &mut Delimited::new(context.file, context.layout, input)?,
+    )
+}
+
+#[cfg(feature = "xlsx")]
+fn parse_workbook(
+    context: &table::Context<'_>,
+    path: &Path,
+) -> Result<table::Table, CampaignError> {
+    table::parse(
+        context,
+        &mut Workbook::open(path, context.file, context.layout)?,
+    )
+}
+
+#[cfg(not(feature = "xlsx"))]
+fn parse_workbook(
+    context: &table::Context<'_>,
+    _path: &Path,
+) -> Result<table::Table, CampaignError> {
+    Err(CampaignError::Key {
+        file: context.file.into(),
+        key: "table".into(),
+        found: "a workbook".into(),
+        accepted: "a CSV table: this program was built without the feature xlsx".into(),
     })
 }
 
@@ -72,20 +114,22 @@ pub(super) fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
 /// As [`Campaign::load`].
 pub fn read_tasks(path: &Path, campaign: &Campaign) -> Result<Tasks, CampaignError> {
     let file = path.display().to_string();
-    let input = open_table(path, &file)?;
+    let layout = Layout::plain(&file);
     let context = table::Context {
         file: &file,
         robot: &campaign.robot,
         targets: &campaign.targets,
         split_column: None,
         with_joints: false,
+        layout: &layout,
+        mapping: None,
     };
     let table::Table {
         mut readings,
         has_joints,
         mut warnings,
         ..
-    } = table::parse(&context, input)?;
+    } = parse(&context, path)?;
     if !has_joints {
         // no posture is named at all: then none is taken to stay at zero
         warnings.retain(|warning| !warning.contains(table::NO_COLUMN));

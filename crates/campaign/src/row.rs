@@ -1,6 +1,7 @@
 //! One line of a table to one reading.
 
 use super::columns::{Columns, Role};
+use super::decimal;
 use super::error::{CampaignError, quoted};
 use super::table::Context;
 use super::{Payload, Reading, Split, Wrench};
@@ -36,6 +37,11 @@ impl Row<'_> {
     pub(super) fn check_count(&self) -> Result<(), CampaignError> {
         let (found, expected) = (self.record.len(), self.columns.headers.len());
         if found == expected {
+            return Ok(());
+        }
+        // spreadsheets leave out what is empty at the end of a row, or write more of it
+        let beyond = |cell: &[u8]| cell.iter().all(u8::is_ascii_whitespace);
+        if self.columns.mapped && self.record.iter().skip(expected).all(beyond) {
             return Ok(());
         }
         let cells = if found == 1 { "cell" } else { "cells" };
@@ -74,10 +80,7 @@ impl Row<'_> {
         for (axis, role) in Role::POSITION.into_iter().enumerate() {
             position[axis] = self.required(role)?;
         }
-        let orientation = match self.group(&Role::ORIENTATION)? {
-            Some(q) => Some(self.unit_quaternion(&q)?),
-            None => None,
-        };
+        let orientation = self.orientation()?;
         note(
             orientation.is_some(),
             Role::ORIENTATION[0],
@@ -128,12 +131,40 @@ impl Row<'_> {
         })
     }
 
-    /// The cell's text; `None` if the table has no such column.
-    fn text(&self, role: Role) -> Result<Option<&str>, CampaignError> {
-        let Some((index, _)) = self.columns.place(role) else {
+    /// Is every cell of the position empty, as of a target that the tracker did not see?
+    pub(super) fn sees_nothing(&self) -> Result<bool, CampaignError> {
+        for role in Role::POSITION {
+            if !self.text(role)?.unwrap_or_default().is_empty() {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    fn orientation(&self) -> Result<Option<UnitQuaternion<f64>>, CampaignError> {
+        let Some(convention) = self.columns.convention else {
+            let q = self.group(&Role::ORIENTATION)?;
+            return q.map(|q| self.unit_quaternion(&q)).transpose();
+        };
+        let Some(values) = self.group(&Role::ORIENTATION[..convention.count()])? else {
             return Ok(None);
         };
-        let bytes = self.record.get(index).unwrap_or_default();
+        match convention.rotation(&values) {
+            Ok(rotation) => Ok(Some(rotation)),
+            Err(norm) => {
+                let found = format!("a quaternion of norm {norm}");
+                let accepted = "a unit quaternion (norm 1 within 0.001)";
+                self.refuse(Role::ORIENTATION[0], &found, accepted)
+            }
+        }
+    }
+
+    /// The cell's text; `None` if the table has no such column.
+    fn text(&self, role: Role) -> Result<Option<&str>, CampaignError> {
+        let Some(place) = self.columns.place(role) else {
+            return Ok(None);
+        };
+        let bytes = self.record.get(place.index).unwrap_or_default();
         match std::str::from_utf8(bytes) {
             Ok(text) => Ok(Some(text.trim())),
             Err(_) => self.refuse(role, "bytes that are not UTF-8", "text in UTF-8"),
@@ -154,6 +185,9 @@ impl Row<'_> {
     }
 
     fn target(&self) -> Result<usize, CampaignError> {
+        if let Some(target) = self.columns.target {
+            return Ok(target);
+        }
         let targets = self.context.targets;
         let Some(name) = self.text(Role::Target)? else {
             return Ok(0);
@@ -270,24 +304,25 @@ impl Row<'_> {
             None | Some("") => return Ok(None),
             Some(text) => text,
         };
-        let unit = self.columns.place(role).and_then(|(_, unit)| unit);
-        let value = text
-            .parse::<f64>()
-            .ok()
-            .map(|number| unit.map_or(number, |unit| (unit.to_inner)(number)));
-        match value {
-            Some(value) if value.is_finite() => Ok(Some(value)),
-            _ => self.refuse(
+        let number = decimal::parse(text, self.columns.decimal)
+            .map(|number| match self.columns.place(role) {
+                Some(place) => place.to_inner(number),
+                None => number,
+            })
+            .filter(|number| number.is_finite());
+        match number {
+            Some(number) => Ok(Some(number)),
+            None => self.refuse(
                 role,
                 &quoted(text),
-                "a finite number, with a point for decimals",
+                decimal::accepted(text, self.columns.decimal),
             ),
         }
     }
 
     fn refuse<T>(&self, role: Role, found: &str, accepted: &str) -> Result<T, CampaignError> {
         let column = match self.columns.place(role) {
-            Some((index, _)) => self.columns.headers[index].clone(),
+            Some(place) => self.columns.headers[place.index].clone(),
             None => role.header(self.context.robot),
         };
         Err(CampaignError::Cell {

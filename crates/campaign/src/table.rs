@@ -2,14 +2,15 @@
 
 use super::columns::{Columns, Role};
 use super::error::CampaignError;
+use super::layout::Layout;
+use super::mapping::Mapping;
 use super::row::{Part, Row};
+use super::rows::Rows;
 use super::{Reading, Target};
-use crate::input::{self, InputError, LARGEST_TABLE, LONGEST_LINE, MOST_READINGS};
+use crate::input::MOST_READINGS;
 use crate::robot::Robot;
-use csv::{ByteRecord, ReaderBuilder};
-use std::cell::RefCell;
-use std::collections::{BTreeMap, VecDeque};
-use std::io::{self, BufRead, BufReader, Read};
+use csv::ByteRecord;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// What the campaign file says that a table is read with.
@@ -22,6 +23,9 @@ pub(super) struct Context<'a> {
     pub(super) split_column: Option<&'a str>,
     /// Must a column say where some joint is? Not of tasks, whose joints are still to be found.
     pub(super) with_joints: bool,
+    pub(super) layout: &'a Layout,
+    /// The user's own header words.
+    pub(super) mapping: Option<&'a Mapping>,
 }
 
 /// What stands in a table.
@@ -30,165 +34,87 @@ pub(super) struct Table {
     pub(super) readings: Vec<Reading>,
     /// What the user should be told of it.
     pub(super) warnings: Vec<String>,
+    /// What was left out as the campaign file says.
+    pub(super) notes: Vec<String>,
     /// Does a column say where some joint is?
     pub(super) has_joints: bool,
 }
 
 /// Reads a table, row by row: what is held in memory is one row and the readings.
-pub(super) fn parse(context: &Context<'_>, input: impl Read) -> Result<Table, CampaignError> {
-    let unread = |source: InputError| CampaignError::Read {
-        file: context.file.into(),
-        source,
-    };
-    let mut input = BufReader::new(input.take(LARGEST_TABLE + 1));
-    const MARK: &[u8] = b"\xef\xbb\xbf";
-    if input
-        .fill_buf()
-        .map_err(|e| unread(e.into()))?
-        .starts_with(MARK)
-    {
-        input.consume(MARK.len());
-    }
-    let lines = RefCell::new(Lines::default());
-    let mut reader = ReaderBuilder::new()
-        .has_headers(false)
-        .flexible(true)
-        .from_reader(Counted {
-            input,
-            lines: &lines,
-        });
+pub(super) fn parse(context: &Context<'_>, rows: &mut dyn Rows) -> Result<Table, CampaignError> {
     let mut record = ByteRecord::new();
-    let mut columns = None;
     let mut readings = Vec::new();
     let mut left_out = BTreeMap::new();
-    loop {
-        lines.borrow_mut().leave(reader.position().byte());
-        let read = reader.read_byte_record(&mut record);
-        if lines.borrow().too_long {
-            return Err(CampaignError::Row {
-                file: context.file.into(),
-                line: lines.borrow().passed + 1,
-                found: "a row longer than 1 MB".into(),
-                accepted:
-                    "rows of at most 1 MB; a quote that is not closed goes on over the lines below"
-                        .into(),
-            });
-        }
-        if lines.borrow().read > LARGEST_TABLE {
-            return Err(unread(input::too_large(LARGEST_TABLE)));
-        }
-        if !read.map_err(|error| unread(io::Error::other(error).into()))? {
-            break;
-        }
-        let start = record.position().map_or(0, csv::Position::byte);
-        let line = lines.borrow_mut().leave(start);
-        let Some(columns) = &columns else {
-            columns = Some(header(context, line, &record)?);
-            continue;
-        };
-        let row = Row {
-            context,
-            columns,
-            line,
-            record: &record,
-        };
-        row.check_count()?;
-        if readings.len() == MOST_READINGS {
-            return Err(CampaignError::Row {
-                file: context.file.into(),
-                line,
-                found: format!("more than {MOST_READINGS} readings"),
-                accepted: format!("at most {MOST_READINGS}"),
-            });
-        }
-        readings.push(row.reading(&mut left_out)?);
-    }
     let refuse = |found: &str| CampaignError::Row {
         file: context.file.into(),
-        line: 1,
+        line: context.layout.header_row,
         found: found.into(),
         accepted: "a line of header words, then one line for each reading".into(),
     };
-    let columns = columns.ok_or_else(|| refuse("an empty file"))?;
+    let line = rows
+        .next(&mut record)?
+        .ok_or_else(|| refuse("an empty file"))?;
+    let (columns, mut notes) = header(context, line, &record, rows)?;
+    let mut unseen = 0;
+    while let Some(line) = rows.next(&mut record)? {
+        if context.mapping.is_some() && is_blank(&record) {
+            continue;
+        }
+        let mut seen = 0;
+        for columns in &columns {
+            let row = Row {
+                context,
+                columns,
+                line,
+                record: &record,
+            };
+            row.check_count()?;
+            if columns.target.is_some() && row.sees_nothing()? {
+                continue;
+            }
+            if readings.len() == MOST_READINGS {
+                return Err(CampaignError::Row {
+                    file: context.file.into(),
+                    line,
+                    found: format!("more than {MOST_READINGS} readings"),
+                    accepted: format!("at most {MOST_READINGS}"),
+                });
+            }
+            readings.push(row.reading(&mut left_out)?);
+            seen += 1;
+        }
+        unseen += usize::from(seen == 0);
+    }
     if readings.is_empty() {
         return Err(refuse("a header without a single reading below it"));
     }
-    let warnings = warnings(context, &columns, &left_out, readings.len());
+    if unseen > 0 {
+        notes.push(format!("{unseen} rows without the position of any target"));
+    }
+    let name = short_name(context.file);
+    let columns = &columns[0];
+    let warnings = warnings(context, columns, &left_out, readings.len());
     let mut joints = (0..context.robot.joints.len()).map(Role::Joint);
     Ok(Table {
         readings,
         warnings,
+        notes: notes.iter().map(|note| format!("{name}: {note}")).collect(),
         has_joints: joints.any(|role| columns.has(role)),
     })
 }
 
-/// What the CSV reader takes in, its lines counted on the way: the reader's own count misses blank ones.
-struct Counted<'a, R> {
-    input: R,
-    lines: &'a RefCell<Lines>,
+/// Has a row nothing but empty cells, as spreadsheets write them below a table?
+fn is_blank(record: &ByteRecord) -> bool {
+    record
+        .iter()
+        .all(|cell| cell.iter().all(u8::is_ascii_whitespace))
 }
 
-impl<R: Read> Read for Counted<'_, R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        // An end of the input, as the reader sees it: it must not go on with a row that has no end.
-        let mut lines = self.lines.borrow_mut();
-        let start = lines.start;
-        lines.leave(start);
-        lines.too_long = lines.read > lines.start + LONGEST_LINE as u64;
-        if lines.too_long {
-            return Ok(0);
-        }
-        let count = self.input.read(buffer)?;
-        lines.pass(&buffer[..count]);
-        Ok(count)
-    }
-}
-
-/// Lines that were read and whose rows are still to come.
-#[derive(Default)]
-struct Lines {
-    /// Bytes read.
-    read: u64,
-    /// Where the next row begins, once blank lines are left behind.
-    start: u64,
-    /// Number of lines before that.
-    passed: usize,
-    /// Ends of whole lines, and whether a line is blank.
-    ahead: VecDeque<(u64, bool)>,
-    /// Has the line that is being read anything in it?
-    begun: bool,
-    /// Is more of a row read than a row may have?
-    too_long: bool,
-}
-
-impl Lines {
-    fn pass(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            self.read += 1;
-            match byte {
-                b'\n' => {
-                    self.ahead.push_back((self.read, !self.begun));
-                    self.begun = false;
-                }
-                b'\r' => {}
-                _ => self.begun = true,
-            }
-        }
-    }
-
-    /// Leaves the lines that end before a byte, and blank ones behind it; the number of the line that comes next.
-    fn leave(&mut self, start: u64) -> usize {
-        self.start = self.start.max(start);
-        // between the two bytes of a line's end the row is over too
-        while let Some(&(end, blank)) = self.ahead.front()
-            && (end <= self.start + 1 || blank)
-        {
-            self.ahead.pop_front();
-            self.passed += 1;
-            self.start = self.start.max(end);
-        }
-        self.passed + 1
-    }
+/// Without folders: what is recorded must not depend on where it was made.
+fn short_name(file: &str) -> String {
+    Path::new(file)
+        .file_name()
+        .map_or(file.into(), |name| name.to_string_lossy().into_owned())
 }
 
 /// The columns, once the header is known to be complete.
@@ -196,30 +122,71 @@ fn header(
     context: &Context<'_>,
     line: usize,
     record: &ByteRecord,
-) -> Result<Columns, CampaignError> {
+    rows: &mut dyn Rows,
+) -> Result<(Vec<Columns>, Vec<String>), CampaignError> {
     let file = context.file;
-    if line != 1 {
+    let wanted = context.layout.header_row;
+    if line != wanted {
         return Err(CampaignError::Row {
             file: file.into(),
-            line: 1,
+            line: wanted,
             found: "a blank line".into(),
             accepted: "the header words".into(),
         });
     }
-    let mut headers = Vec::new();
+    let at_line = |error: CampaignError| error.at_line(line);
+    let headers = words(file, record).map_err(at_line)?;
+    let units = match context.layout.units_row {
+        None => None,
+        Some(row) => {
+            let mut record = ByteRecord::new();
+            if rows.next(&mut record)? != Some(row) {
+                return Err(CampaignError::Row {
+                    file: file.into(),
+                    line: row,
+                    found: "no units".into(),
+                    accepted: "the first row below the header words, as `units_row` says".into(),
+                });
+            }
+            Some(words(file, &record).map_err(|error| error.at_line(row))?)
+        }
+    };
+    let (all, notes) = match context.mapping {
+        None => {
+            let columns = Columns::find(file, headers, context.robot, context.split_column);
+            (vec![columns.map_err(at_line)?], Vec::new())
+        }
+        Some(mapping) => mapping
+            .columns(context, headers, units.as_deref().unwrap_or_default())
+            .map_err(at_line)?,
+    };
+    for columns in &all {
+        complete(context, columns).map_err(at_line)?;
+    }
+    Ok((all, notes))
+}
+
+/// The words of a row.
+fn words(file: &str, record: &ByteRecord) -> Result<Vec<String>, CampaignError> {
+    let mut words = Vec::new();
     for (index, word) in record.iter().enumerate() {
         let word = std::str::from_utf8(word).map_err(|_| CampaignError::Column {
             file: file.into(),
+            line: 1,
             column: format!("number {}", index + 1),
             found: "bytes that are not UTF-8".into(),
             accepted: "text in UTF-8".into(),
         })?;
-        headers.push(word.trim().to_owned());
+        words.push(word.trim().to_owned());
     }
-    let robot = context.robot;
-    let columns = Columns::find(file, headers, robot, context.split_column)?;
+    Ok(words)
+}
+
+/// Refuses columns that lack what every reading needs, or a part of what they have begun.
+fn complete(context: &Context<'_>, columns: &Columns) -> Result<(), CampaignError> {
+    let (file, robot) = (context.file, context.robot);
     columns.require(file, &Role::POSITION, robot, "but a reading has a position")?;
-    if Role::ORIENTATION.iter().any(|role| columns.has(*role)) {
+    if columns.convention.is_none() && Role::ORIENTATION.iter().any(|role| columns.has(*role)) {
         columns.require(
             file,
             &Role::ORIENTATION,
@@ -245,7 +212,7 @@ fn header(
             "but other parts of the payload are there",
         )?;
     }
-    if context.targets.len() > 1 {
+    if context.targets.len() > 1 && columns.target.is_none() {
         columns.require(
             file,
             &[Role::Target],
@@ -262,7 +229,7 @@ fn header(
             "nor one for any other joint of the robot",
         )?;
     }
-    Ok(columns)
+    Ok(())
 }
 
 /// How the warning of a joint without a column begins, behind the file.
@@ -276,10 +243,7 @@ fn warnings(
     count: usize,
 ) -> Vec<String> {
     let robot = context.robot;
-    // Without folders: warnings are recorded, and a recording must not depend on where it was made.
-    let file = Path::new(context.file)
-        .file_name()
-        .map_or(context.file.into(), |name| name.to_string_lossy());
+    let file = short_name(context.file);
     let mut warnings = Vec::new();
     let fixed: Vec<&str> = (0..robot.joints.len())
         .filter(|joint| !columns.has(Role::Joint(*joint)))

@@ -72,3 +72,61 @@ pub(super) fn names(dimension: Option<Dimension>) -> String {
         .collect();
     names.join(", ")
 }
+
+/// Units that people write and that no header word of the plain format ends with.
+const MORE: [Unit; 5] = [
+    unit("cm", Dimension::Length, |x| x / 1e2),
+    unit("in", Dimension::Length, |x| x * 0.0254),
+    unit("h", Dimension::Time, |x| x * 3600.0),
+    unit("d", Dimension::Time, |x| x * 86400.0),
+    unit("lb", Dimension::Mass, |x| x * 0.453_592_37),
+];
+
+/// Other words for units.
+const SPOKEN: [(&str, &str); 24] = [
+    ("°", "deg"),
+    ("degree", "deg"),
+    ("degrees", "deg"),
+    ("grad", "deg"), // German for degrees; gons are no unit of robots
+    ("radian", "rad"),
+    ("radians", "rad"),
+    ("µrad", "urad"),
+    ("μrad", "urad"),
+    ("metre", "m"),
+    ("meter", "m"),
+    ("millimetre", "mm"),
+    ("millimeter", "mm"),
+    ("µm", "um"),
+    ("μm", "um"),
+    ("inch", "in"),
+    ("\"", "in"),
+    ("sec", "s"),
+    ("seconds", "s"),
+    ("°c", "degC"),
+    ("c", "degC"),
+    ("celsius", "degC"),
+    ("n·m", "Nm"),
+    ("n*m", "Nm"),
+    ("kgs", "kg"),
+];
+
+/// The unit of a word as people write it: any case, in brackets or not.
+pub(super) fn spoken(word: &str, dimension: Dimension) -> Option<&'static Unit> {
+    static EXTRA: [Unit; 5] = MORE;
+    static KNOWN: [Unit; 17] = UNITS;
+    let word = word.trim().trim_matches(['[', ']', '(', ')']).trim();
+    let all = || {
+        let units = KNOWN.iter().chain(&EXTRA);
+        units.filter(|unit| unit.dimension == dimension)
+    };
+    // by case first: mm is no Mm, and nobody means that
+    if let Some(unit) = all().find(|unit| unit.name == word) {
+        return Some(unit);
+    }
+    let lower = word.to_lowercase();
+    let name = SPOKEN
+        .iter()
+        .find(|(spoken, _)| *spoken == lower)
+        .map_or(lower.as_str(), |(_, name)| name);
+    all().find(|unit| unit.name.eq_ignore_ascii_case(name))
+}

@@ -4,4 +4,5 @@
 
 mod campaign;
 mod recording;
+mod tables;
 mod two_arms;

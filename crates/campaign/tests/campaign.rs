@@ -754,6 +754,7 @@ pub fn campaign() -> impl Strategy<Value = Campaign> {
             .prop_map(
                 move |((readings, frames, tracker, warnings), (noise, gravity, named, title))| {
                     Campaign {
+                        notes: Vec::new(),
                         name: title,
                         robot: robot.clone(),
                         robot_file: RobotFile {

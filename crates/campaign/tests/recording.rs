@@ -67,6 +67,7 @@ fn example() -> Campaign {
         noise: None,
         readings: (0..3).map(reading).collect(),
         warnings: vec!["first".into(), "second".into()],
+        notes: Vec::new(),
         robot,
     }
 }

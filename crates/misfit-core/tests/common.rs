@@ -334,5 +334,6 @@ pub fn campaign(setup: &Setup, readings: Vec<Reading>) -> Campaign {
         noise: None,
         readings,
         warnings: Vec::new(),
+        notes: Vec::new(),
     }
 }

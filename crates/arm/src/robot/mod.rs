@@ -142,10 +142,7 @@ impl Robot {
     }
 
     /// The same with the text of the file, which recordings carry along.
-    pub fn load_with_text(
-        path: &Path,
-        base: Option<&str>,
-    ) -> Result<(Robot, String), RobotError> {
+    pub fn load_with_text(path: &Path, base: Option<&str>) -> Result<(Robot, String), RobotError> {
         let file = path.display().to_string();
         let limit = format(&file)?.largest();
         let text = input::text(path, limit).map_err(|source| RobotError::Unreadable {

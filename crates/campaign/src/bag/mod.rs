@@ -137,6 +137,7 @@ pub fn import(bag: &Bag, spec: &Spec) -> Result<Import, ImportError> {
     import.scatter = found.scatter;
     if !found.readings.is_empty() {
         import.campaign = Some(Campaign {
+            notes: Vec::new(),
             name: bag.name.clone(),
             robot: spec.robot.clone(),
             robot_file: spec.robot_file.clone(),

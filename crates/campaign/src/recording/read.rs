@@ -314,6 +314,7 @@ impl Contents {
             return Err(foreign(file, format!("no message on {READING}")));
         }
         Ok(Campaign {
+            notes: Vec::new(),
             name,
             robot,
             robot_file,

@@ -117,6 +117,7 @@ pub(super) fn campaign(scenario: &Scenario, readings: Vec<Reading>) -> Campaign 
         noise: scenario.state_noise.then_some(scenario.noise),
         readings,
         warnings: Vec::new(),
+        notes: Vec::new(),
     }
 }
 
