@@ -100,7 +100,7 @@ def main(folder):
         (place["urdf"] / path.name).write_bytes(path.read_bytes())
     for path in Path("models").rglob("*_dh.toml"):
         (place["dh"] / path.name).write_bytes(path.read_bytes())
-    for path in Path("src/effects").glob("*.rs"):
+    for path in Path("crates/misfit-core/src/effects").glob("*.rs"):
         (place["model"] / f"{path.stem}.toml").write_text(f'[[effect]]\nkind = "{path.stem}"\nhold = true\n')
     formulas = set()
     for path in [*Path("scenarios").rglob("*.toml"), *Path("tests").glob("*.rs")]:

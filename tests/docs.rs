@@ -6,7 +6,7 @@
 //! is run from top to bottom in a folder of its own, with the folders of the sources that its commands name.
 
 use serde_json::Value;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -683,7 +683,7 @@ fn an_effect_is_added_as_its_page_says() {
         "{file} is in the catalogue: take another example"
     );
     let change = blocks.iter().find(|block| block.info == "diff").unwrap();
-    let catalogue = text("src/effects/mod.rs");
+    let catalogue = text("crates/misfit-core/src/effects/mod.rs");
     let catalogue: Vec<&str> = catalogue.lines().collect();
     let mut added = 0;
     for hunk in change.lines[2..]
@@ -702,7 +702,11 @@ fn an_effect_is_added_as_its_page_says() {
         let places = catalogue
             .windows(before.len())
             .filter(|lines| *lines == before);
-        assert_eq!(places.count(), 1, "src/effects/mod.rs has not {before:#?}");
+        assert_eq!(
+            places.count(),
+            1,
+            "crates/misfit-core/src/effects/mod.rs has not {before:#?}"
+        );
     }
     assert_eq!(added, 2, "one file and two lines");
     let makefile = text("Makefile");
@@ -730,21 +734,22 @@ fn ticked(cell: &str) -> Vec<&str> {
 fn files_of_the_code_map_are_there() {
     let page = text("ARCHITECTURE.md");
     let mut seen = BTreeSet::new();
+    let mut map: BTreeMap<String, String> = BTreeMap::new();
     for row in rows(&page, "Code map") {
-        // a name stands for a file of src, of the root, or of the folder of the row's first one
-        let mut places = vec![root().join("src"), root().to_owned()];
-        for cell in &row {
+        // a name stands for a file of the row's crate, of its sources, or of the folder of an earlier name in the row
+        let home = ticked(row[0])[0];
+        let mut places = vec![root().join(home), root().join(home).join("src")];
+        for cell in &row[1..] {
+            map.entry(home.to_owned()).or_default().push_str(cell);
             for name in ticked(cell) {
                 let of_file = name.ends_with(".rs") || name.ends_with('/');
                 if !of_file || name.contains('<') {
                     continue;
                 }
-                let found = places
-                    .iter()
-                    .map(|place| place.join(name))
-                    .find(|path| path.exists());
+                let found = places.iter().map(|place| place.join(name));
+                let found = found.rev().find(|path| path.exists());
                 let Some(found) = found else {
-                    panic!("ARCHITECTURE.md names {name}: there is no such file");
+                    panic!("ARCHITECTURE.md names {name} in {home}: there is no such file");
                 };
                 let own = if found.is_dir() {
                     found.as_path()
@@ -752,28 +757,44 @@ fn files_of_the_code_map_are_there() {
                     found.parent().unwrap()
                 };
                 places.push(own.to_owned());
-                places.push(own.join("src"));
                 seen.insert(found);
             }
         }
     }
-    // and the other way: every file and folder of src is on the map, but for those that have no subject of their own
-    let map = page.split("## Invariants").next().unwrap();
-    for entry in fs::read_dir(root().join("src")).unwrap() {
-        let entry = entry.unwrap();
-        let name = entry.file_name().into_string().unwrap();
-        let own = ["lib.rs", "main.rs"].contains(&name.as_str());
-        assert!(
-            own || map.contains(&name),
-            "ARCHITECTURE.md does not name src/{name}"
-        );
+    // and the other way: every file and folder at the root of each crate is on the map, but for its own root
+    for home in crates().into_iter().chain(["src".to_owned()]) {
+        let sources = [root().join(&home).join("src"), root().join(&home)];
+        let sources = sources.into_iter().find(|folder| folder.is_dir()).unwrap();
+        for entry in fs::read_dir(sources).unwrap() {
+            let name = entry.unwrap().file_name().into_string().unwrap();
+            let own = ["lib.rs", "main.rs"].contains(&name.as_str());
+            // the rows of reports and of the program name their kind: a file per subject, a file per command
+            let alike = ["crates/report", "src"].contains(&home.as_str()) && name.ends_with(".rs");
+            let named = map.get(&home).is_some_and(|row| row.contains(&name));
+            assert!(
+                own || alike || named || home == "crates/truth",
+                "ARCHITECTURE.md does not name {home}: {name}"
+            );
+        }
     }
     assert!(seen.len() > 70, "{}", seen.len());
+}
+
+/// Folders of the library crates.
+fn crates() -> Vec<String> {
+    let entries = fs::read_dir(root().join("crates")).unwrap();
+    let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    names.map(|name| format!("crates/{name}")).collect()
 }
 
 /// Names of the test functions of a module of the tests, here or in replay/; none if there is no such module.
 fn tests_of(module: &str) -> Option<BTreeSet<String>> {
     let mut files = vec![format!("tests/{module}.rs")];
+    files.extend(
+        crates()
+            .iter()
+            .map(|home| format!("{home}/tests/{module}.rs")),
+    );
     files.extend(files_of_replay().into_iter().filter(|_| module == "replay"));
     let mut known = None;
     for file in files.iter().filter(|file| root().join(file).exists()) {

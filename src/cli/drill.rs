@@ -1,6 +1,6 @@
 //! `misfit drill`.
 
-use super::{Outcome, make_folder, pictures, print, print_json, progress, run, simulate};
+use super::{Outcome, make_folder, pictures, print, print_json, progress, simulate};
 use crate::report;
 use crate::report::run::RunDocument;
 use crate::scenario::drill::{self, Bored, Drilling};
@@ -75,7 +75,7 @@ pub(super) fn bore(
     let checks = check_drill(&scenario.expect, wanted, &holes);
     let text = format!(
         "{}\n{}{kept}{}",
-        run::title(scenario),
+        report::run::title(scenario),
         report::drill::text(scenario, wanted, &holes),
         report::run::checks(&checks)
     );

@@ -1,6 +1,6 @@
 //! `misfit map`.
 
-use super::{Outcome, pictures, plan, print, print_json, progress, run, usage};
+use super::{Outcome, pictures, plan, print, print_json, progress, usage};
 use crate::campaign::{Payload, RobotFile, write_atomically};
 use crate::compensation::{Reach, Robot};
 use crate::fit::{self, Options};
@@ -364,7 +364,7 @@ pub(super) fn of_scenario(
     let checks = check_map(&scenario.expect, setup, &maps);
     let text = format!(
         "{}\n{}\n{kept}{}",
-        run::title(scenario),
+        report::run::title(scenario),
         report::map::text(setup, wanted, &maps),
         report::run::checks(&checks)
     );

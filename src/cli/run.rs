@@ -96,15 +96,6 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     })
 }
 
-pub(super) fn title(scenario: &Scenario) -> String {
-    let title = if scenario.title.is_empty() {
-        String::new()
-    } else {
-        format!(" · {}", scenario.title)
-    };
-    report::format::wrap(&format!("scenario {}{title}", scenario.name), 9)
-}
-
 /// One campaign: simulated, fitted, compared.
 fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDocument, String)> {
     let campaign = simulate::campaign(scenario)?;
@@ -174,7 +165,7 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
     let instead = instead(scenario)?;
     let text = format!(
         "{}\n{}\n{}{}{}{}",
-        title(scenario),
+        report::run::title(scenario),
         report::fit::text(
             &campaign,
             &found,
@@ -236,7 +227,7 @@ fn study(scenario: &Scenario, campaigns: usize) -> anyhow::Result<(RunDocument, 
     let checks = check_study(&scenario.expect, &study);
     let text = format!(
         "{}\n{}\n{}",
-        title(scenario),
+        report::run::title(scenario),
         report::run::study(&study),
         report::run::checks(&checks)
     );
@@ -266,7 +257,7 @@ fn corrections(
     let checks = check_compensation(&scenario.expect, &found);
     let text = format!(
         "{}\n{}{}",
-        title(scenario),
+        report::run::title(scenario),
         report::corrections::text(scenario, wanted, &found),
         report::run::checks(&checks)
     );
@@ -296,7 +287,7 @@ fn loops(
     let checks = check_loop(&scenario.expect, &found);
     let text = format!(
         "{}\n{}{}",
-        title(scenario),
+        report::run::title(scenario),
         report::control_loop::text(scenario, wanted, &found),
         report::run::checks(&checks)
     );

@@ -42,7 +42,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         scenario.seed = seed;
     }
     let Some(blind) = scenario.blind.clone() else {
-        anyhow::bail!(crate::sweep::case::CaseError::NotBlind {
+        anyhow::bail!(crate::sweep::CaseError::NotBlind {
             file: scenario.file.clone()
         });
     };

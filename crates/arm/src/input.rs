@@ -63,6 +63,9 @@ pub enum InputError {
 }
 
 /// Opens a regular file of at most `limit` bytes.
+///
+/// # Errors
+/// If it cannot be opened, is no regular file, or is larger.
 pub fn open(path: &Path, limit: u64) -> Result<File, InputError> {
     // Asked before it is opened: a named pipe without a writer is opened only when there is one.
     let metadata = std::fs::metadata(path)?;
@@ -78,6 +81,9 @@ pub fn open(path: &Path, limit: u64) -> Result<File, InputError> {
 }
 
 /// Reads a regular file of at most `limit` bytes. The limit holds while reading too: a file may grow.
+///
+/// # Errors
+/// If it cannot be read, is no regular file, or is larger.
 pub fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, InputError> {
     let mut bytes = Vec::new();
     open(path, limit)?.take(limit + 1).read_to_end(&mut bytes)?;
@@ -88,6 +94,9 @@ pub fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, InputError> {
 }
 
 /// The same of a text.
+///
+/// # Errors
+/// As [`bytes`], and if it is not UTF-8, with the line.
 pub fn text(path: &Path, limit: u64) -> Result<String, InputError> {
     String::from_utf8(bytes(path, limit)?).map_err(|error| {
         let valid = &error.as_bytes()[..error.utf8_error().valid_up_to()];
@@ -97,6 +106,7 @@ pub fn text(path: &Path, limit: u64) -> Result<String, InputError> {
     })
 }
 
+/// The refusal of what is larger than so many bytes.
 pub fn too_large(limit: u64) -> InputError {
     InputError::TooLarge {
         limit: size(limit).to_string(),
@@ -172,6 +182,9 @@ pub fn toml_message(error: &toml::de::Error, text: &str) -> String {
 
 /// Refuses TOML that nests too deeply, counted without recursion: its parser limits brackets and the parts of a key
 /// each, but a level of brackets may hold a key of many parts.
+///
+/// # Errors
+/// What nests too deeply, in words.
 pub fn toml_depth(text: &str) -> Result<(), String> {
     // levels of what is open: for each bracket, itself and the parts of the key before it
     let mut open: Vec<usize> = Vec::new();

@@ -5,6 +5,9 @@ use std::collections::BTreeSet;
 
 impl Campaign {
     /// What does not hold, so that the campaign could not be read back as it is.
+    ///
+    /// # Errors
+    /// What does not hold, in words.
     pub fn check(&self) -> Result<(), String> {
         plain_file_name(&self.robot_file.name)?;
         if self.robot_file.name == "campaign.toml" || self.robot_file.name == "readings.csv" {
@@ -127,6 +130,9 @@ fn is_unit(norm: f64) -> bool {
 }
 
 /// A name that stays inside its folder, so that a foreign recording writes nowhere else.
+///
+/// # Errors
+/// Why it is none, in words.
 pub fn plain_file_name(name: &str) -> Result<(), String> {
     let inside = !matches!(name, "" | "." | "..") && !name.contains(['/', '\\']);
     if inside && !name.chars().any(char::is_control) {

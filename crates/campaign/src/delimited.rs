@@ -1,11 +1,11 @@
 //! Tables of text: lines of cells between delimiters, in whatever encoding.
 
+use super::encoding::decoded;
 use super::error::CampaignError;
 use super::layout::{Delimiter, Layout};
 use super::rows::Rows;
 use crate::input::{self, InputError, LARGEST_TABLE, LONGEST_LINE};
 use csv::{ByteRecord, ReaderBuilder};
-use encoding_rs_io::DecodeReaderBytesBuilder;
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader, Read};
@@ -26,14 +26,8 @@ impl<'a> Delimited<'a> {
         layout: &Layout,
         input: impl Read + 'a,
     ) -> Result<Self, CampaignError> {
-        // A byte order mark says UTF-8 or UTF-16; without one UTF-8 passes as it is, errors and all.
-        let decoded = DecodeReaderBytesBuilder::new()
-            .encoding(layout.encoding)
-            .utf8_passthru(true)
-            .strip_bom(true)
-            .bom_override(true)
-            .build(input.take(LARGEST_TABLE + 1));
-        let mut input = BufReader::new(Box::new(decoded) as Box<dyn Read>);
+        let decoded = decoded(input.take(LARGEST_TABLE + 1), layout.encoding);
+        let mut input = BufReader::new(decoded);
         let mut lines = Lines {
             comment: layout.comment,
             ..Lines::default()

@@ -1,9 +1,10 @@
 //! `campaign.toml`: what may stand in it, what it means, and how it is written.
 
 use super::error::{CampaignError, quoted};
+use super::keys::Keys;
 use super::layout::Layout;
 use super::mapping::Mapping;
-use super::row::unit_quaternion;
+use super::orientation::unit_quaternion;
 use super::{Campaign, Frame, Noise, Target};
 use crate::input;
 use crate::robot::Robot;
@@ -104,6 +105,9 @@ pub struct Settings {
 
 impl Document {
     /// Reads the text of a campaign file; `file` names it in messages.
+    ///
+    /// # Errors
+    /// If it is no TOML, or has a key that is not known.
     pub fn parse(file: &str, text: &str) -> Result<Self, CampaignError> {
         input::toml(text).map_err(|message| CampaignError::Toml {
             file: file.into(),
@@ -112,6 +116,9 @@ impl Document {
     }
 
     /// The same from a table: the part of a scenario that is written like a campaign.
+    ///
+    /// # Errors
+    /// If it has a key that is not known.
     pub fn from_table(file: &str, table: toml::Table) -> Result<Self, CampaignError> {
         table
             .try_into()
@@ -122,6 +129,9 @@ impl Document {
     }
 
     /// Gives the written words their meaning on this robot.
+    ///
+    /// # Errors
+    /// If a word has no meaning there: a link, a unit, a frame, a share.
     pub fn settle(&self, file: &str, robot: &Robot) -> Result<Settings, CampaignError> {
         let keys = Keys { file };
         let gravity = self.gravity.unwrap_or(STANDARD_GRAVITY);
@@ -238,21 +248,7 @@ impl Document {
     }
 }
 
-/// Says which key of which file is wrong.
-pub struct Keys<'a> {
-    pub file: &'a str,
-}
-
 impl Keys<'_> {
-    pub fn refuse<T>(&self, key: &str, found: String, accepted: &str) -> Result<T, CampaignError> {
-        Err(CampaignError::Key {
-            file: self.file.into(),
-            key: key.into(),
-            found,
-            accepted: accepted.into(),
-        })
-    }
-
     fn frame(&self, key: &str, value: &Value) -> Result<Frame, CampaignError> {
         let accepted =
             "\"estimate\", or a pose [x, y, z, qw, qx, qy, qz] in m with a unit quaternion";

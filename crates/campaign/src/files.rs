@@ -5,6 +5,9 @@ use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 /// The folder that a file is to be written to.
+///
+/// # Errors
+/// If the path names no file.
 pub fn folder_of(path: &Path) -> io::Result<&Path> {
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,

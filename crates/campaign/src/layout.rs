@@ -1,8 +1,8 @@
 //! How a table is laid out: what `[table]` of a campaign file says of delimiters, header rows and sheets.
 
-use super::document::Keys;
+use super::encoding::{self, Encoding};
 use super::error::{CampaignError, quoted};
-use encoding_rs::Encoding;
+use super::keys::Keys;
 use serde::Deserialize;
 use toml::Value;
 
@@ -30,7 +30,7 @@ pub struct Layout {
     /// Lines that begin with this character are left out.
     pub comment: Option<u8>,
     /// Where there is no byte order mark; UTF-8 if left out.
-    pub encoding: Option<&'static Encoding>,
+    pub encoding: Option<Encoding>,
     /// Sheet of a workbook; its only one, if left out.
     pub sheet: Option<String>,
 }
@@ -141,7 +141,7 @@ impl Layout {
             }
         };
         if let Some(word) = &entry.encoding {
-            layout.encoding = match Encoding::for_label(word.as_bytes()) {
+            layout.encoding = match encoding::for_label(word) {
                 Some(encoding) => Some(encoding),
                 None => {
                     return keys.refuse(

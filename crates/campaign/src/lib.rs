@@ -9,8 +9,10 @@ mod columns;
 mod decimal;
 mod delimited;
 mod document;
+mod encoding;
 mod error;
 mod files;
+mod keys;
 mod layout;
 mod mapping;
 pub mod numbers;
@@ -36,12 +38,13 @@ pub use error::CampaignError;
 pub use read::{Tasks, read_tasks};
 
 pub use check::plain_file_name;
-pub use document::{Document, Keys, render as render_document};
+pub use document::{Document, render as render_document};
 pub use files::folder_of;
 pub use files::write_atomically;
+pub use keys::Keys;
+pub use orientation::unit_quaternion;
 pub use read::read_toml;
 pub use render::render_commands;
-pub use row::unit_quaternion;
 pub use units::to_inner;
 
 pub use open::LoadError;

@@ -2,15 +2,30 @@
 
 use super::Target;
 use super::columns::{Columns, Place, Role, distance, plain_words};
-use super::document::Keys;
 use super::error::{CampaignError, quoted};
+use super::keys::Keys;
+use super::layout::Layout;
 use super::orientation::{self, Convention};
-use super::table::Context;
 use super::units::{self, Dimension, Unit};
 use crate::robot::Robot;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 use toml::{Table, Value};
+
+/// What the campaign file says that a table is read with.
+pub(super) struct Context<'a> {
+    /// Name of the table for messages.
+    pub(super) file: &'a str,
+    pub(super) robot: &'a Robot,
+    pub(super) targets: &'a [Target],
+    /// Column that holds `fit` and `heldout`.
+    pub(super) split_column: Option<&'a str>,
+    /// Must a column say where some joint is? Not of tasks, whose joints are still to be found.
+    pub(super) with_joints: bool,
+    pub(super) layout: &'a Layout,
+    /// The user's own header words.
+    pub(super) mapping: Option<&'a Mapping>,
+}
 
 /// What `[columns]` says, in the order of its keys.
 #[derive(Debug, Clone)]

@@ -4,9 +4,11 @@
 //! `pose_format_kuka`, `_fanuc`, `_yaskawa`, `_abb`, `_ur`) and RoboDK's `robomath` (6.0.2: `KUKA_2_Pose`,
 //! `Fanuc_2_Pose`, `Motoman_2_Pose`, `Staubli_2_Pose`, `UR_2_Pose`); the tests hold both against scipy.
 
-use super::row::unit_quaternion;
 use nalgebra::{Quaternion, Unit, UnitQuaternion, Vector3};
 use std::fmt;
+
+/// How far a quaternion's norm may be from 1 before it is taken for a mistake.
+const NORM_TOLERANCE: f64 = 1e-3;
 
 /// What stands in the columns of an orientation. Angles are in rad; a rotation turns target axes into tracker axes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -161,6 +163,7 @@ impl Convention {
 
     /// The numbers of a rotation as they stand in the columns, angles in rad: the middle one of Euler angles in
     /// −π/2..π/2, or 0..π where the first and last axis are one; a rotation vector of at most π.
+    #[cfg(test)]
     pub fn values(self, rotation: &UnitQuaternion<f64>) -> Vec<f64> {
         match self {
             Self::Euler {
@@ -175,6 +178,25 @@ impl Convention {
                 }
             }
         }
+    }
+}
+
+/// A quaternion `[w, x, y, z]` made a unit one; its norm if that is too far from 1.
+///
+/// One that is a unit quaternion but for rounding is kept bit for bit, so that reading and
+/// writing again changes nothing.
+///
+/// # Errors
+/// The norm.
+pub fn unit_quaternion(q: [f64; 4]) -> Result<UnitQuaternion<f64>, f64> {
+    let quaternion = Quaternion::new(q[0], q[1], q[2], q[3]);
+    let norm = quaternion.norm();
+    if (norm - 1.0).abs() <= 1e-12 {
+        Ok(UnitQuaternion::new_unchecked(quaternion))
+    } else if (norm - 1.0).abs() <= NORM_TOLERANCE {
+        Ok(UnitQuaternion::new_normalize(quaternion))
+    } else {
+        Err(norm)
     }
 }
 
@@ -207,6 +229,7 @@ impl fmt::Display for Convention {
 ///
 /// Source: Bernardes and Viollet 2022, *Quaternion to Euler angles conversion: a direct, general and computationally
 /// efficient method*, PLoS ONE 17, e0276302.
+#[cfg(test)]
 fn euler_angles(rotation: &UnitQuaternion<f64>, axes: [usize; 3], intrinsic: bool) -> [f64; 3] {
     use std::f64::consts::{FRAC_PI_2, PI};
     // their algorithm is for fixed axes: turned along, the order is the other way round

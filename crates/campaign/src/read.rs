@@ -4,6 +4,7 @@ use super::delimited::Delimited;
 use super::document::{Document, SplitRule};
 use super::error::CampaignError;
 use super::layout::Layout;
+use super::mapping::Context;
 #[cfg(feature = "xlsx")]
 use super::workbook::Workbook;
 use super::{Campaign, Reading, RobotFile, split, table};
@@ -31,7 +32,7 @@ pub(super) fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
     };
     let table_path = folder.join(&layout.file);
     let table_file = table_path.display().to_string();
-    let context = table::Context {
+    let context = Context {
         file: &table_file,
         robot: &robot,
         targets: &settings.targets,
@@ -72,7 +73,7 @@ pub(super) fn load_toml(path: &Path) -> Result<Campaign, CampaignError> {
 }
 
 /// Reads a table in whatever it is written.
-fn parse(context: &table::Context<'_>, path: &Path) -> Result<table::Table, CampaignError> {
+fn parse(context: &Context<'_>, path: &Path) -> Result<table::Table, CampaignError> {
     if context.layout.is_workbook() {
         return parse_workbook(context, path);
     }
@@ -84,10 +85,7 @@ fn parse(context: &table::Context<'_>, path: &Path) -> Result<table::Table, Camp
 }
 
 #[cfg(feature = "xlsx")]
-fn parse_workbook(
-    context: &table::Context<'_>,
-    path: &Path,
-) -> Result<table::Table, CampaignError> {
+fn parse_workbook(context: &Context<'_>, path: &Path) -> Result<table::Table, CampaignError> {
     table::parse(
         context,
         &mut Workbook::open(path, context.file, context.layout)?,
@@ -95,10 +93,7 @@ fn parse_workbook(
 }
 
 #[cfg(not(feature = "xlsx"))]
-fn parse_workbook(
-    context: &table::Context<'_>,
-    _path: &Path,
-) -> Result<table::Table, CampaignError> {
+fn parse_workbook(context: &Context<'_>, _path: &Path) -> Result<table::Table, CampaignError> {
     Err(CampaignError::Key {
         file: context.file.into(),
         key: "table".into(),
@@ -115,7 +110,7 @@ fn parse_workbook(
 pub fn read_tasks(path: &Path, campaign: &Campaign) -> Result<Tasks, CampaignError> {
     let file = path.display().to_string();
     let layout = Layout::plain(&file);
-    let context = table::Context {
+    let context = Context {
         file: &file,
         robot: &campaign.robot,
         targets: &campaign.targets,
@@ -168,6 +163,9 @@ fn open_table(path: &Path, file: &str) -> Result<File, CampaignError> {
 }
 
 /// Reads a campaign file or what is written like one; `file` names it in messages.
+///
+/// # Errors
+/// If it cannot be read, is too large, or is not UTF-8.
 pub fn read_toml(path: &Path, file: &str) -> Result<String, CampaignError> {
     input::text(path, LARGEST_TOML).map_err(|source| unread(file, source))
 }

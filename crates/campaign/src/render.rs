@@ -14,6 +14,9 @@ pub(super) fn render(campaign: &Campaign) -> io::Result<Vec<u8>> {
 }
 
 /// The same without what the instruments read: what is to be commanded, for readings still to be taken.
+///
+/// # Errors
+/// If a number cannot be written.
 pub fn render_commands(campaign: &Campaign) -> io::Result<Vec<u8>> {
     columns(campaign, |role| {
         !matches!(

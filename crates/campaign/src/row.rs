@@ -3,14 +3,12 @@
 use super::columns::{Columns, Role};
 use super::decimal;
 use super::error::{CampaignError, quoted};
-use super::table::Context;
+use super::mapping::Context;
+use super::orientation::unit_quaternion;
 use super::{Payload, Reading, Split, Wrench};
 use csv::ByteRecord;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
-
-/// How far a quaternion's norm may be from 1 before it is taken for a mistake.
-const NORM_TOLERANCE: f64 = 1e-3;
 
 /// What a reading may lack although the table has its columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -332,21 +330,5 @@ impl Row<'_> {
             found: found.into(),
             accepted: accepted.into(),
         })
-    }
-}
-
-/// A quaternion `[w, x, y, z]` made a unit one; its norm if that is too far from 1.
-///
-/// One that is a unit quaternion but for rounding is kept bit for bit, so that reading and
-/// writing again changes nothing.
-pub fn unit_quaternion(q: [f64; 4]) -> Result<UnitQuaternion<f64>, f64> {
-    let quaternion = Quaternion::new(q[0], q[1], q[2], q[3]);
-    let norm = quaternion.norm();
-    if (norm - 1.0).abs() <= 1e-12 {
-        Ok(UnitQuaternion::new_unchecked(quaternion))
-    } else if (norm - 1.0).abs() <= NORM_TOLERANCE {
-        Ok(UnitQuaternion::new_normalize(quaternion))
-    } else {
-        Err(norm)
     }
 }

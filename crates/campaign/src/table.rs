@@ -1,32 +1,15 @@
 //! The CSV table of a campaign: one line for each reading.
 
+use super::Reading;
 use super::columns::{Columns, Role};
 use super::error::CampaignError;
-use super::layout::Layout;
-use super::mapping::Mapping;
+use super::mapping::Context;
 use super::row::{Part, Row};
 use super::rows::Rows;
-use super::{Reading, Target};
 use crate::input::MOST_READINGS;
-use crate::robot::Robot;
 use csv::ByteRecord;
 use std::collections::BTreeMap;
 use std::path::Path;
-
-/// What the campaign file says that a table is read with.
-pub(super) struct Context<'a> {
-    /// Name of the table for messages.
-    pub(super) file: &'a str,
-    pub(super) robot: &'a Robot,
-    pub(super) targets: &'a [Target],
-    /// Column that holds `fit` and `heldout`.
-    pub(super) split_column: Option<&'a str>,
-    /// Must a column say where some joint is? Not of tasks, whose joints are still to be found.
-    pub(super) with_joints: bool,
-    pub(super) layout: &'a Layout,
-    /// The user's own header words.
-    pub(super) mapping: Option<&'a Mapping>,
-}
 
 /// What stands in a table.
 pub(super) struct Table {

@@ -66,15 +66,6 @@ impl Rows for Workbook {
     }
 }
 
-/// Names of the sheets of a workbook.
-pub(super) fn sheets(path: &Path) -> Result<Vec<String>, InputError> {
-    let mut input = input::open(path, LARGEST_WORKBOOK)?;
-    measure(&mut input)?;
-    input.rewind()?;
-    let workbook: Xlsx<_> = Xlsx::new(BufReader::new(input)).map_err(io::Error::other)?;
-    Ok(workbook.sheet_names())
-}
-
 fn sheet(names: &[String], file: &str, layout: &Layout) -> Result<String, CampaignError> {
     let refuse = |found: String| {
         let list: Vec<String> = names.iter().take(30).map(|name| quoted(name)).collect();

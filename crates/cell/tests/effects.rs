@@ -577,7 +577,7 @@ fn derivatives_are_independent_of_the_other_columns() {
 #[test]
 fn pages_are_complete() {
     for entry in CATALOGUE {
-        let path = file(&format!("src/effects/{}.rs", entry.id));
+        let path = file(&format!("crates/misfit-core/src/effects/{}.rs", entry.id));
         let source = std::fs::read_to_string(&path);
         let source = source.unwrap_or_else(|error| panic!("{}: {error}", path.display()));
         let page = entry.page();

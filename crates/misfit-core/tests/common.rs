@@ -12,8 +12,13 @@ use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+/// A file of the repository: the tests of each crate, and of the program, look from its root.
 pub fn file(path: &str) -> PathBuf {
-    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).join(path)
+    let own = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let root = own
+        .ancestors()
+        .find(|folder| folder.join("Cargo.lock").exists());
+    root.unwrap().join(path)
 }
 
 pub fn random(seed: u64) -> Pcg64Mcg {

@@ -107,8 +107,9 @@ pub struct Model {
     pointer: NonNull<c_void>,
 }
 
-// A model is plain memory: nothing in it belongs to a thread, and what takes `&self` only reads.
+// SAFETY: a model is plain memory: nothing in it belongs to a thread, and what takes `&self` only reads.
 unsafe impl Send for Model {}
+// SAFETY: as above.
 unsafe impl Sync for Model {}
 
 impl Model {
@@ -145,6 +146,7 @@ impl Model {
         })?;
         let _alone = LOADING.lock().unwrap_or_else(PoisonError::into_inner);
         let mut pointer = null_mut();
+        // SAFETY: the path ends in a zero byte and outlives the call; the pointer is ours to be written.
         let status = unsafe { misfit_mj_load(c_path.as_ptr(), &raw mut pointer) };
         match NonNull::new(pointer) {
             Some(pointer) if status == 0 => Ok(Model { pointer }),
@@ -158,6 +160,7 @@ impl Model {
     /// If memory is short.
     pub fn try_clone(&self) -> Result<Model, MujocoError> {
         let mut pointer = null_mut();
+        // SAFETY: the model is alive; the pointer is ours to be written.
         let status = unsafe { misfit_mj_copy_model(self.as_ptr(), &raw mut pointer) };
         match NonNull::new(pointer) {
             Some(pointer) if status == 0 => Ok(Model { pointer }),
@@ -205,6 +208,7 @@ impl Model {
             name: name.to_owned(),
         };
         let c_name = CString::new(name).map_err(|_| missing())?;
+        // SAFETY: the model is alive; the name ends in a zero byte and outlives the call.
         let id = unsafe { misfit_mj_id(self.as_ptr(), kind as c_int, c_name.as_ptr()) };
         usize::try_from(id).map_err(|_| missing())
     }
@@ -216,6 +220,7 @@ impl Model {
     pub fn joint(&self, joint: usize) -> Result<JointAddress, MujocoError> {
         let joint = checked("joint", joint, self.joints())?;
         let (mut kind, mut qpos, mut dof) = (0, 0, 0);
+        // SAFETY: the model is alive, the index is checked, and all three numbers are ours to be written.
         unsafe {
             misfit_mj_joint(
                 self.as_ptr(),
@@ -238,6 +243,7 @@ impl Model {
     /// If there is no such body.
     pub fn body_mass(&self, body: usize) -> Result<f64, MujocoError> {
         let body = checked("body", body, self.bodies())?;
+        // SAFETY: the model is alive and the index is checked.
         Ok(unsafe { misfit_mj_body_mass(self.as_ptr(), body) })
     }
 
@@ -248,6 +254,7 @@ impl Model {
     pub fn body_ipos(&self, body: usize) -> Result<Vector3<f64>, MujocoError> {
         let body = checked("body", body, self.bodies())?;
         let mut ipos = [0.0; 3];
+        // SAFETY: the model is alive, the index is checked; three numbers are read or written, which the array has.
         unsafe { misfit_mj_body_ipos(self.as_ptr(), body, ipos.as_mut_ptr()) };
         Ok(Vector3::from(ipos))
     }
@@ -259,6 +266,7 @@ impl Model {
     pub fn body_pos(&self, body: usize) -> Result<Vector3<f64>, MujocoError> {
         let body = checked("body", body, self.bodies())?;
         let mut pos = [0.0; 3];
+        // SAFETY: the model is alive, the index is checked; three numbers are read or written, which the array has.
         unsafe { misfit_mj_body_pos(self.as_ptr(), body, pos.as_mut_ptr()) };
         Ok(Vector3::from(pos))
     }
@@ -269,10 +277,12 @@ impl Model {
     /// If there is no such body.
     pub fn body_parent(&self, body: usize) -> Result<usize, MujocoError> {
         let body = checked("body", body, self.bodies())?;
+        // SAFETY: the model is alive and the index is checked.
         Ok(unsafe { misfit_mj_body_parent(self.as_ptr(), body) }.max(0) as usize)
     }
 
     fn size(&self, which: Size) -> usize {
+        // SAFETY: the model is alive, and `Size` lists the sizes that the shim knows.
         unsafe { misfit_mj_size(self.as_ptr(), which as c_int) }.max(0) as usize
     }
 
@@ -283,6 +293,7 @@ impl Model {
 
 impl Drop for Model {
     fn drop(&mut self) {
+        // SAFETY: the pointer came from the shim, is freed once, and nothing uses it after.
         unsafe { misfit_mj_free_model(self.as_ptr()) }
     }
 }
@@ -296,8 +307,9 @@ pub struct Data {
     model: Model,
 }
 
-// As for the model; the shim's traps and messages are the calling thread's own.
+// SAFETY: as for the model; the shim's traps and messages are the calling thread's own.
 unsafe impl Send for Data {}
+// SAFETY: as above.
 unsafe impl Sync for Data {}
 
 impl Data {
@@ -307,6 +319,7 @@ impl Data {
     /// If memory is short.
     pub fn new(model: Model) -> Result<Data, MujocoError> {
         let mut pointer = null_mut();
+        // SAFETY: the model is alive and owned beside the data from here on; the pointer is ours to be written.
         let status = unsafe { misfit_mj_make_data(model.as_ptr(), &raw mut pointer) };
         match NonNull::new(pointer) {
             Some(pointer) if status == 0 => Ok(Data { pointer, model }),
@@ -377,6 +390,7 @@ impl Data {
         if !(mass >= 0.0 && mass.is_finite()) {
             return Err(MujocoError::Value(format!("a mass of {mass} kg")));
         }
+        // SAFETY: the model is alive, the index is checked, and the numbers are finite.
         unsafe { misfit_mj_set_body_mass(self.model.as_ptr(), body, mass) };
         Ok(())
     }
@@ -388,6 +402,7 @@ impl Data {
     pub fn set_body_ipos(&mut self, body: usize, ipos: Vector3<f64>) -> Result<(), MujocoError> {
         let body = checked("body", body, self.model.bodies())?;
         finite(&ipos, "a centre of mass")?;
+        // SAFETY: the model is alive, the index is checked, and the numbers are finite.
         unsafe { misfit_mj_set_body_ipos(self.model.as_ptr(), body, ipos.as_ptr()) };
         Ok(())
     }
@@ -399,6 +414,7 @@ impl Data {
     pub fn set_body_pos(&mut self, body: usize, pos: Vector3<f64>) -> Result<(), MujocoError> {
         let body = checked("body", body, self.model.bodies())?;
         finite(&pos, "a body's position")?;
+        // SAFETY: the model is alive, the index is checked, and the numbers are finite.
         unsafe { misfit_mj_set_body_pos(self.model.as_ptr(), body, pos.as_ptr()) };
         Ok(())
     }
@@ -408,6 +424,7 @@ impl Data {
     /// # Errors
     /// If MuJoCo raises one.
     pub fn update_position(&mut self) -> Result<(), MujocoError> {
+        // SAFETY: model and data are alive and belong together.
         done(unsafe { misfit_mj_position(self.model.as_ptr(), self.as_ptr()) })
     }
 
@@ -427,6 +444,7 @@ impl Data {
         for vector in [point, force, torque] {
             finite(vector, "a force, torque or point")?;
         }
+        // SAFETY: model and data are alive and belong together, the index is checked, and each vector has three numbers.
         done(unsafe {
             misfit_mj_apply(
                 self.model.as_ptr(),
@@ -453,6 +471,7 @@ impl Data {
                 residual.len()
             )));
         }
+        // SAFETY: model and data are alive and belong together; the length is checked above.
         done(unsafe {
             misfit_mj_static_residual(self.model.as_ptr(), self.as_ptr(), residual.as_mut_ptr())
         })
@@ -486,6 +505,7 @@ impl Data {
     /// # Errors
     /// If MuJoCo raises one.
     pub fn inverse(&mut self) -> Result<&[f64], MujocoError> {
+        // SAFETY: model and data are alive and belong together.
         done(unsafe { misfit_mj_inverse(self.model.as_ptr(), self.as_ptr()) })?;
         Ok(self.array(Array::QfrcInverse, self.model.dofs()))
     }
@@ -495,6 +515,7 @@ impl Data {
     /// # Errors
     /// If MuJoCo raises one.
     pub fn update_sensors(&mut self) -> Result<(), MujocoError> {
+        // SAFETY: model and data are alive and belong together.
         done(unsafe { misfit_mj_sensors_at_rest(self.model.as_ptr(), self.as_ptr()) })
     }
 
@@ -506,6 +527,7 @@ impl Data {
     pub fn sensor(&self, sensor: usize) -> Result<&[f64], MujocoError> {
         let sensor = checked("sensor", sensor, self.model.sensors())?;
         let (mut address, mut dimension) = (0, 0);
+        // SAFETY: the model is alive, the index is checked, and both numbers are ours to be written.
         unsafe {
             misfit_mj_sensor(
                 self.model.as_ptr(),
@@ -583,6 +605,7 @@ impl Data {
         let site = checked("site", site, self.model.sites())?;
         let dofs = self.model.dofs();
         let (mut translation, mut rotation) = (vec![0.0; 3 * dofs], vec![0.0; 3 * dofs]);
+        // SAFETY: model and data are alive and belong together, the index is checked, and both arrays have 3 × dofs numbers.
         done(unsafe {
             misfit_mj_jac_site(
                 self.model.as_ptr(),
@@ -603,25 +626,29 @@ impl Data {
     }
 
     fn array(&self, which: Array, length: usize) -> &[f64] {
+        // SAFETY: model and data are alive and belong together, and `Array` lists the arrays that the shim knows.
         let start = unsafe { misfit_mj_array(self.model.as_ptr(), self.as_ptr(), which as c_int) };
         if start.is_null() || length == 0 {
             return &[];
         }
-        // The length is the one MuJoCo allocated; both live and stay as long as `self`.
+        // SAFETY: the length is the one MuJoCo allocated; both live and stay as long as `self`.
         unsafe { std::slice::from_raw_parts(start, length) }
     }
 
     fn array_mut(&mut self, which: Array, length: usize) -> &mut [f64] {
+        // SAFETY: model and data are alive and belong together, and `Array` lists the arrays that the shim knows.
         let start = unsafe { misfit_mj_array(self.model.as_ptr(), self.as_ptr(), which as c_int) };
         if start.is_null() || length == 0 {
             return &mut [];
         }
+        // SAFETY: the length is the one MuJoCo allocated; both live and stay as long as `self`.
         unsafe { std::slice::from_raw_parts_mut(start, length) }
     }
 }
 
 impl Drop for Data {
     fn drop(&mut self) {
+        // SAFETY: the pointer came from the shim, is freed once, and nothing uses it after.
         unsafe { misfit_mj_free_data(self.as_ptr()) }
     }
 }
@@ -629,6 +656,7 @@ impl Drop for Data {
 /// What MuJoCo warned of on this thread since the last call, a line each.
 pub fn take_warnings() -> Vec<String> {
     let mut text = vec![0u8; 4096];
+    // SAFETY: the text has as many bytes as the call is told.
     let length = unsafe { misfit_mj_take_warnings(text.as_mut_ptr().cast(), text.len()) };
     text.truncate(length);
     String::from_utf8_lossy(&text)
@@ -650,6 +678,7 @@ fn open_library(path: &str) -> Result<(), OpenError> {
     let c_path =
         CString::new(path).map_err(|_| OpenError::Missing("a path with a zero byte".to_owned()))?;
     let mut version = 0;
+    // SAFETY: the path ends in a zero byte and outlives the call; the number is ours to be written.
     match unsafe { misfit_mj_open(c_path.as_ptr(), &raw mut version) } {
         0 => Ok(()),
         -2 => Err(OpenError::Version(version)),
@@ -664,11 +693,15 @@ enum OpenError {
 
 /// `mjVERSION_HEADER`, or `None` if built without headers.
 fn header_version() -> Option<c_int> {
-    (unsafe { misfit_mj_available() } != 0).then(|| unsafe { misfit_mj_header_version() })
+    // SAFETY: both take nothing and return constants of the build.
+    let available = unsafe { misfit_mj_available() } != 0;
+    // SAFETY: as above.
+    available.then(|| unsafe { misfit_mj_header_version() })
 }
 
 /// Where the build found the library; empty if it did not.
 fn build_library() -> String {
+    // SAFETY: the shim returns a constant text that ends in a zero byte.
     unsafe { CStr::from_ptr(misfit_mj_build_library()) }
         .to_string_lossy()
         .into_owned()
@@ -676,6 +709,7 @@ fn build_library() -> String {
 
 /// What the shim last complained of on this thread.
 fn message() -> String {
+    // SAFETY: the shim returns text of the calling thread that ends in a zero byte and lives until its next call.
     unsafe { CStr::from_ptr(misfit_mj_message()) }
         .to_string_lossy()
         .trim()
@@ -804,6 +838,7 @@ mod tests {
     #[test]
     fn errors_and_warnings_that_mujoco_raises_come_back_on_their_thread() {
         check().expect("MuJoCo");
+        // SAFETY: the shim only raises what it is told, on the calling thread.
         let raise = |warning| done(unsafe { misfit_mj_raise(warning) });
         std::thread::scope(|scope| {
             for _ in 0..4 {

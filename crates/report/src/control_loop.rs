@@ -1,7 +1,7 @@
 //! Compensation in the loop on the terminal, as JSON, and tick by tick as CSV.
 
 use super::format::{angle, count, length, number, render, table, wrap};
-use super::run::{model_name, percent};
+use super::format::{model_name, percent};
 use misfit_arm::robot::JointKind;
 use misfit_campaign::Wrench;
 use misfit_cell::scenario::Scenario;

@@ -1,7 +1,7 @@
 //! Commands that models correct, as they arrive in MuJoCo: on the terminal, as JSON, and as bars.
 
 use super::format::{angle, count, length, number, render, table, wrap};
-use super::run::{model_name, percent};
+use super::format::{model_name, percent};
 use crate::plot::{Content, Figure, Panel};
 use misfit_cell::scenario::Scenario;
 use misfit_cell::scenario::compensated::{Arrival, Compensate, Corrections, Miss};

@@ -1,7 +1,7 @@
 //! Holes drilled by two arms: on the terminal, as JSON, tick by tick as CSV, and as the paper's six curves for each arm.
 
 use super::format::{angle, length, number, render, table, wrap};
-use super::run::{model_name, percent};
+use super::format::{model_name, percent};
 use crate::plot::{Content, Figure, Panel, Series};
 use misfit_campaign::Wrench;
 use misfit_cell::scenario::Scenario;

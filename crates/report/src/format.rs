@@ -22,6 +22,25 @@ pub fn table(header: &[&str], right: &[usize]) -> Table {
     table
 }
 
+/// A model's name for people.
+pub fn model_name(model: &str) -> &str {
+    match model {
+        "default" => "default model",
+        "true" => "the truth",
+        "" => "frames alone",
+        words => words,
+    }
+}
+
+/// A share in per cent.
+pub fn percent(share: f64) -> String {
+    // below a millionth of a per cent it is rounding
+    if share.abs() < 1e-8 {
+        return "< 1e-6 %".to_owned();
+    }
+    format!("{} %", number(share * 100.0))
+}
+
 /// A table's text without trailing blanks.
 pub fn render(table: &Table) -> String {
     let lines: Vec<String> = table

@@ -160,7 +160,7 @@ pub fn text(setup: &Setup, wanted: &Request, maps: &Maps) -> String {
             "agree    {}: model and MuJoCo are at most {} apart, {} of the largest",
             agreement.target,
             length(agreement.position_max_m),
-            super::run::percent(agreement.relative)
+            super::format::percent(agreement.relative)
         );
         out += &(wrap(&line, 9) + "\n");
     }

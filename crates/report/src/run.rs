@@ -3,7 +3,7 @@
 use super::control_loop::LoopDocument;
 use super::corrections::CorrectionsDocument;
 use super::drill::DrillDocument;
-use super::format::{angle, count, length, number, render, table, wrap};
+use super::format::{angle, count, length, number, percent, render, table, wrap};
 use super::json::FitDocument;
 use super::map::MapDocument;
 use super::paper::PaperDocument;
@@ -84,14 +84,14 @@ pub struct Instead {
     pub bounds: Vec<Bound>,
 }
 
-/// A model's name for people.
-pub(super) fn model_name(model: &str) -> &str {
-    match model {
-        "default" => "default model",
-        "true" => "the truth",
-        "" => "frames alone",
-        words => words,
-    }
+/// A scenario's name and title.
+pub fn title(scenario: &Scenario) -> String {
+    let title = if scenario.title.is_empty() {
+        String::new()
+    } else {
+        format!(" · {}", scenario.title)
+    };
+    wrap(&format!("scenario {}{title}", scenario.name), 9)
 }
 
 /// An efficiency study as data.
@@ -279,14 +279,6 @@ pub fn instead(designs: &[Instead]) -> String {
         "what each design could know at best (Cramér-Rao bound over the true value)\n{}\n\n",
         render(&rows)
     )
-}
-
-pub(super) fn percent(share: f64) -> String {
-    // below a millionth of a per cent it is rounding
-    if share.abs() < 1e-8 {
-        return "< 1e-6 %".to_owned();
-    }
-    format!("{} %", number(share * 100.0))
 }
 
 /// The study's table.

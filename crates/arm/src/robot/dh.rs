@@ -30,10 +30,13 @@ struct Table {
     tool: Option<Mount>,
 }
 
+/// Order of the four motions of a row.
 #[derive(Debug, Deserialize, Clone, Copy, PartialEq)]
 #[serde(rename_all = "snake_case")]
 pub enum Convention {
+    /// Denavit and Hartenberg 1955: Rz(θ) Tz(d) Tx(a) Rx(α).
     Standard,
+    /// Craig 1986: Rx(α) Tx(a) Rz(θ) Tz(d).
     Modified,
 }
 
@@ -181,6 +184,9 @@ pub struct Ends {
 }
 
 /// Reads that of a table that was accepted before.
+///
+/// # Errors
+/// As for any DH table.
 pub fn ends(file: &str, text: &str) -> Result<Ends, RobotError> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let table = parse(file, text)?;

@@ -46,6 +46,9 @@ impl<'a> Element<'a> {
     }
 
     /// The element of this tag directly in it.
+    ///
+    /// # Errors
+    /// If there are several.
     pub fn child(self, tag: &str) -> Result<Option<Self>, RobotError> {
         let mut found = self.children().filter(|child| child.tag() == tag);
         let first = found.next();
@@ -59,6 +62,9 @@ impl<'a> Element<'a> {
     }
 
     /// The same where it must not be missing.
+    ///
+    /// # Errors
+    /// If there is none, or several.
     pub fn required(self, tag: &str) -> Result<Self, RobotError> {
         self.child(tag)?.ok_or_else(|| {
             self.refuse(
@@ -79,16 +85,25 @@ impl<'a> Element<'a> {
     }
 
     /// An attribute that must not be missing.
+    ///
+    /// # Errors
+    /// If it is missing.
     pub fn text(self, name: &str) -> Result<&'a str, RobotError> {
         self.attribute(name).ok_or_else(|| self.missing(name))
     }
 
     /// A number, if it is given.
+    ///
+    /// # Errors
+    /// If it is no finite number.
     pub fn number(self, name: &str) -> Result<Option<f64>, RobotError> {
         Ok(self.numbers::<1>(name)?.map(|[number]| number))
     }
 
     /// Numbers separated by blanks, if they are given.
+    ///
+    /// # Errors
+    /// If these are not `N` finite numbers.
     pub fn numbers<const N: usize>(self, name: &str) -> Result<Option<[f64; N]>, RobotError> {
         let Some(text) = self.attribute(name) else {
             return Ok(None);
@@ -108,12 +123,18 @@ impl<'a> Element<'a> {
     }
 
     /// Numbers that must not be missing.
+    ///
+    /// # Errors
+    /// If it is missing, or these are not `N` finite numbers.
     pub fn needed<const N: usize>(self, name: &str) -> Result<[f64; N], RobotError> {
         self.numbers(name)?.ok_or_else(|| self.missing(name))
     }
 
     /// The pose that its `<origin>` gives, m and rad: fixed-axis roll, pitch, yaw, `Rz(yaw) Ry(pitch) Rx(roll)`, or
     /// from version 1.1 of the format on a quaternion x y z w.
+    ///
+    /// # Errors
+    /// If a number is not finite, or the quaternion is no unit one.
     pub fn pose(self) -> Result<Isometry3<f64>, RobotError> {
         let Some(origin) = self.child("origin")? else {
             return Ok(Isometry3::identity());

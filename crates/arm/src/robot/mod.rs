@@ -142,6 +142,9 @@ impl Robot {
     }
 
     /// The same with the text of the file, which recordings carry along.
+    ///
+    /// # Errors
+    /// As [`Robot::load`].
     pub fn load_with_text(path: &Path, base: Option<&str>) -> Result<(Robot, String), RobotError> {
         let file = path.display().to_string();
         let limit = format(&file)?.largest();

@@ -25,6 +25,9 @@ const SECTIONS: [(&str, &str); 3] = [("<!--", "-->"), ("<?", "?>"), ("<![CDATA["
 const ONE_ROBOT: &str = "a URDF is one <robot> element holding links and joints";
 
 /// The text for [`parse`], byte for byte as long: without the hyphens in comments that XML forbids and others read.
+///
+/// # Errors
+/// If the text declares entities or nests too deeply.
 pub fn clean<'a>(file: &str, text: &'a str) -> Result<Cow<'a, str>, RobotError> {
     let mut clean = Cow::Borrowed(text);
     let mut at = 0;
@@ -91,6 +94,9 @@ pub fn clean<'a>(file: &str, text: &'a str) -> Result<Cow<'a, str>, RobotError> 
 }
 
 /// Reads a text that is [`clean`].
+///
+/// # Errors
+/// If it is no well-formed XML, or its root is no `<robot>`.
 pub fn parse<'a>(file: &str, text: &'a str) -> Result<Document<'a>, RobotError> {
     let document = Document::parse(text).map_err(|error| malformed(file, text, &error))?;
     let refuse = |node: Node<'_, '_>, found: String, accepted: &str| {

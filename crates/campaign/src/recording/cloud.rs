@@ -3,8 +3,8 @@
 use super::colour::colour;
 use super::error::RecordingError;
 use super::messages::{PointCloud, PointField, Text, Transforms};
+use super::recorder::{Recorder, channel, header, stamp, writer};
 use super::transforms::{links, moving};
-use super::write::{Recorder, channel, header, stamp, writer};
 use super::{ROBOT_DESCRIPTION, RUN_RECORD, TF, TF_STATIC, description};
 use crate::campaign::{RobotFile, write_atomically};
 use crate::robot::Robot;

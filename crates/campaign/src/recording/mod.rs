@@ -13,6 +13,7 @@ mod error;
 mod framing;
 mod messages;
 mod read;
+mod recorder;
 mod records;
 mod results;
 mod transforms;

@@ -5,8 +5,8 @@ use super::messages::{
     FitProgress, Float64MultiArray, MultiArrayDimension, PointCloud, PointField, PoseStamped, Rung,
     Text, TransformStamped, Transforms, Vector3Stamped,
 };
+use super::recorder::{Encoded, Recorder, channel, header, stamp};
 use super::transforms::{pose, stamped, xyz, xyzw};
-use super::write::{Encoded, Recorder, channel, header, stamp};
 use crate::campaign::{Campaign, Reading};
 use crate::robot::{Body, Robot};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};

@@ -2,20 +2,20 @@
 
 use super::error::RecordingError;
 use super::messages::{
-    Header, JointState, Message, PoseStamped, ReadingMessage, Temperature, Text, Time,
-    TransformStamped, Transforms, WrenchStamped, encode, schema,
+    JointState, PoseStamped, ReadingMessage, Temperature, Text, TransformStamped, Transforms,
+    WrenchStamped,
 };
+use super::recorder::{Encoded, Recorder, channel, header, stamp, writer};
 use super::results::{
     self, FITTED, ResultChannels, Results, fitted_bodies, fitted_frames, fitted_names, predictions,
 };
 use super::transforms::{links, moving, tracker, tracker_frame, xyz, xyzw};
 use super::{
-    CAMPAIGN_FILE, CAMPAIGN_RECORD, CDR, COMMANDS_FORMAT, FORMAT, JOINT_STATES, READING,
+    CAMPAIGN_FILE, CAMPAIGN_RECORD, COMMANDS_FORMAT, FORMAT, JOINT_STATES, READING,
     ROBOT_DESCRIPTION, RUN_RECORD, TEMPERATURE, TF, TF_STATIC, TRACKER_POSE, WRENCH, description,
 };
 use crate::campaign::{Campaign, Reading, Split, render_document, write_atomically};
-use mcap::records::{MessageHeader, Metadata};
-use mcap::{Attachment, Compression, WriteOptions, Writer};
+use mcap::Writer;
 use nalgebra::{Isometry3, UnitQuaternion};
 use rayon::prelude::*;
 use std::borrow::Cow;
@@ -131,20 +131,6 @@ fn fill(
     Ok(())
 }
 
-/// A file of the profile `ros2` to be filled.
-pub(super) fn writer<W: Write + Seek>(file: W) -> io::Result<Writer<W>> {
-    WriteOptions::new()
-        .profile("ros2")
-        .library(concat!("misfit/", env!("CARGO_PKG_VERSION")))
-        .compression(Some(Compression::Zstd))
-        // One thread and a fixed level: the bytes must not depend on the machine.
-        .compression_threads(0)
-        .compression_level(1)
-        .chunk_size(Some(1 << 20))
-        .create(file)
-        .map_err(io::Error::other)
-}
-
 /// Log time of each reading, ns, strictly increasing.
 fn log_times(readings: &[Reading]) -> Vec<u64> {
     const LATEST: f64 = i32::MAX as f64;
@@ -197,94 +183,7 @@ impl Channels {
     }
 }
 
-/// A channel with its schema; a latched one is seen by whoever joins late.
-pub(super) fn channel<M: Message, W: Write + Seek>(
-    writer: &mut Writer<W>,
-    topic: &str,
-    latched: bool,
-) -> io::Result<u16> {
-    // Integers, which old and new versions of rosbag2 read; words fail on the older ones.
-    let durability = if latched { 1 } else { 2 };
-    let zero = "    sec: 0\n    nsec: 0\n";
-    let qos = format!(
-        "- history: 1\n  depth: 1\n  reliability: 1\n  durability: {durability}\n  deadline:\n{zero}  lifespan:\n{zero}  liveliness: 1\n  liveliness_lease_duration:\n{zero}  avoid_ros_namespace_conventions: false\n"
-    );
-    let metadata = BTreeMap::from([("offered_qos_profiles".to_owned(), qos)]);
-    let schema = writer
-        .add_schema(M::NAME, "ros2msg", schema::<M>().as_bytes())
-        .map_err(io::Error::other)?;
-    writer
-        .add_channel(schema, topic, CDR, &metadata)
-        .map_err(io::Error::other)
-}
-
-/// A file being filled.
-pub(super) struct Recorder<W: Write + Seek> {
-    pub(super) writer: Writer<W>,
-}
-
 impl<W: Write + Seek> Recorder<W> {
-    pub(super) fn metadata(
-        &mut self,
-        name: &str,
-        metadata: BTreeMap<String, String>,
-    ) -> io::Result<()> {
-        self.writer
-            .write_metadata(&Metadata {
-                name: name.into(),
-                metadata,
-            })
-            .map_err(io::Error::other)
-    }
-
-    pub(super) fn attach(&mut self, name: &str, bytes: &[u8]) -> io::Result<()> {
-        let media_type = match name.rsplit_once('.') {
-            Some((_, "toml")) => "application/toml",
-            Some((_, "urdf" | "xml")) => "application/xml",
-            Some((_, "json")) => "application/json",
-            _ => "application/octet-stream",
-        };
-        self.writer
-            .attach(&Attachment {
-                log_time: 0,
-                create_time: 0,
-                name: name.into(),
-                media_type: media_type.into(),
-                data: Cow::Borrowed(bytes),
-            })
-            .map_err(io::Error::other)
-    }
-
-    pub(super) fn message<M: Message>(
-        &mut self,
-        channel: u16,
-        sequence: u32,
-        log_time: u64,
-        message: &M,
-    ) -> io::Result<()> {
-        let mut bytes = Vec::new();
-        encode(message, &mut bytes).map_err(io::Error::other)?;
-        self.bytes(channel, sequence, log_time, &bytes)
-    }
-
-    fn bytes(
-        &mut self,
-        channel: u16,
-        sequence: u32,
-        log_time: u64,
-        bytes: &[u8],
-    ) -> io::Result<()> {
-        let header = MessageHeader {
-            channel_id: channel,
-            sequence,
-            log_time,
-            publish_time: log_time,
-        };
-        self.writer
-            .write_to_known_channel(&header, bytes)
-            .map_err(io::Error::other)
-    }
-
     fn readings(
         &mut self,
         campaign: &Campaign,
@@ -337,20 +236,6 @@ impl<W: Write + Seek> Recorder<W> {
         if let (Some(results), Some(channels)) = (results, &channels.results) {
             self.steps(channels, campaign, results, (start, end), &scene.tracker)?;
         }
-        Ok(())
-    }
-}
-
-/// Messages of one reading, one behind the other, each with its channel and its end.
-pub(super) struct Encoded {
-    bytes: Vec<u8>,
-    ends: Vec<(u16, usize)>,
-}
-
-impl Encoded {
-    pub(super) fn add<M: Message>(&mut self, channel: u16, message: &M) -> io::Result<()> {
-        encode(message, &mut self.bytes).map_err(io::Error::other)?;
-        self.ends.push((channel, self.bytes.len()));
         Ok(())
     }
 }
@@ -512,21 +397,5 @@ impl<'a> Scene<'a> {
             predictions(channels, results, (index, reading), time, tracker, &mut out)?;
         }
         Ok(out)
-    }
-}
-
-pub(super) fn stamp(log_time: u64) -> Time {
-    const SECOND: u64 = 1_000_000_000;
-    Time {
-        // More than 68 years of one-second steps: the stamp stays at its largest.
-        sec: i32::try_from(log_time / SECOND).unwrap_or(i32::MAX),
-        nanosec: (log_time % SECOND) as u32,
-    }
-}
-
-pub(super) fn header(log_time: u64, frame_id: &str) -> Header<'_> {
-    Header {
-        stamp: stamp(log_time),
-        frame_id: Cow::Borrowed(frame_id),
     }
 }

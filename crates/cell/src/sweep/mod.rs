@@ -8,6 +8,7 @@
 //! anywhere, in any order, on any number of threads. The diagnosis sees the campaign; only the score sees the truth.
 
 pub mod case;
+mod hidden;
 mod outside;
 pub mod score;
 mod signal;
@@ -15,3 +16,5 @@ mod size;
 
 pub mod store;
 pub mod summary;
+
+pub use hidden::CaseError;

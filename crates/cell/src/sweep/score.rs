@@ -1,6 +1,7 @@
 //! From a case to a row of the sweep's table: what the diagnosis said beside what was hidden.
 
-use super::case::{Case, CaseError, draw};
+use super::case::{Case, draw};
+use super::hidden::CaseError;
 use super::signal;
 use crate::campaign::Split;
 use crate::diagnosis::{Diagnosis, Verdict, diagnose, next_poses};

@@ -1,6 +1,6 @@
 //! How large hidden effects have to be, to be seen as well as a case asks.
 
-use super::case::{CaseError, Hidden, truths};
+use super::hidden::{CaseError, Hidden, truths};
 use super::signal;
 use crate::campaign::{Campaign, Noise};
 use crate::effects::find;

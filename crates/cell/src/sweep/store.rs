@@ -3,7 +3,7 @@
 //! A part's name and content depend on its cases alone: an interrupted sweep goes on where it stopped, and the parts
 //! of shards done elsewhere are put together by copying them into one folder.
 
-use super::case::CaseError;
+use super::hidden::CaseError;
 use super::score::{Row, score};
 use crate::campaign::write_atomically;
 use crate::scenario::Scenario;

@@ -418,6 +418,9 @@ pub fn diagnose_until(
 
 /// Refuses what would fill the memory, and laws of the user's own that have no value at a reading, before anything is
 /// computed.
+///
+/// # Errors
+/// What is too large, or the reading at which a law has no value.
 pub fn check(
     campaign: &Campaign,
     model: &Model,

@@ -1,11 +1,11 @@
 //! From a figure to the text of an SVG file.
 
+use super::style::*;
 use super::{Cloud, Content, Dots, Figure, Map, Panel, PlotError, Series, levels};
 use plotters::chart::{ChartBuilder, ChartContext, SeriesLabelPosition};
-use plotters::coord::Shift;
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::coord::types::RangedCoordf64;
-use plotters::drawing::{DrawingArea, IntoDrawingArea};
+use plotters::drawing::IntoDrawingArea;
 use plotters::element::{Circle, PathElement, Rectangle};
 use plotters::prelude::SVGBackend;
 use plotters::series::{DashedLineSeries, LineSeries};
@@ -14,33 +14,8 @@ use plotters::style::colors::{BLACK, WHITE};
 use plotters::style::{Color, IntoFont, RGBColor, ShapeStyle, TextStyle};
 use std::ops::Range;
 
-pub(super) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
-
-/// Okabe and Ito's colours that are dark enough on white.
-pub(super) const COLOURS: [RGBColor; 7] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(86, 180, 233),
-    RGBColor(230, 159, 0),
-    RGBColor(0, 0, 0),
-];
-pub(super) const GREY: RGBColor = RGBColor(90, 90, 90);
 const TITLE: u32 = 17;
-pub(super) const LABEL: u32 = 13;
-/// Room for the numbers beside a vertical axis, below a horizontal one, and for a panel's title, px.
-const LEFT: u32 = 62;
-pub(super) const BELOW: u32 = 42;
-pub(super) const ABOVE: u32 = 26;
-pub(super) const MARGIN: u32 = 8;
-/// Room for the scale of a map, px.
-const SCALE: u32 = 78;
-
-pub(super) fn failed(error: impl std::fmt::Display) -> PlotError {
-    PlotError(error.to_string())
-}
 
 pub(super) fn figure(figure: &Figure) -> Result<String, PlotError> {
     let columns = figure.columns.clamp(1, figure.panels.len().max(1));

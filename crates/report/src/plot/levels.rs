@@ -1,6 +1,6 @@
 //! Sizes that fall by orders of magnitude: a row each, on a logarithmic axis.
 
-use super::draw::{ABOVE, Area, BELOW, COLOURS, GREY, LABEL, MARGIN, failed};
+use super::style::{ABOVE, Area, BELOW, COLOURS, GREY, LABEL, MARGIN, failed};
 use super::{Levels, Panel, PlotError};
 use plotters::element::{Circle, PathElement};
 use plotters::style::colors::BLACK;

@@ -6,6 +6,7 @@
 
 mod draw;
 mod levels;
+mod style;
 
 /// A picture of one or more panels.
 #[derive(Debug, Clone, PartialEq)]
