@@ -8,13 +8,13 @@ BLIND     = rich noise outliers form alias
 # of fuzzing, each target
 SECONDS  ?= 60
 
-.PHONY: run test setup build replay format lint unit examples scenarios figures effect deny blind blind-all viewer \
+.PHONY: run test test-long core measured mutants setup build replay format lint unit examples scenarios figures effect deny blind blind-all viewer \
   pages bags picture-replay pictures recordings readers doc bench fuzz peers growth instructions
 
 run: build
 	$(MISFIT) run scenarios/springs.toml
 
-test: setup format lint unit doc examples effect scenarios figures readers bags viewer pages
+test: setup format lint unit doc core examples effect scenarios figures readers bags viewer pages measured
 	@echo "all tests, lints, examples, scenarios, blind cases, recordings and pages passed"
 
 # MuJoCo from Debian, or another copy through MUJOCO_DIR.
@@ -35,7 +35,25 @@ lint: setup
 	cargo clippy --locked --workspace --all-targets -- --deny warnings
 
 unit: setup
+	rm -rf target/measured
 	cargo test --locked --workspace
+
+# the identification core on a machine without MuJoCo and without a C compiler
+core:
+	CC=/bin/false cargo test --locked -p misfit-core
+
+# which tests on measurements of a real robot ran; fails where the measurements are there and one did not
+measured:
+	@sh .ci/measured
+
+# what need not run each time: mutants of the numerics, all blind suites, fuzzing, and beside other tools
+test-long: test blind-all mutants fuzz deny peers
+
+# does a test fail for each change of a condition, a sign, a threshold? (cargo-mutants); hours
+mutants: setup
+	@command -v cargo-mutants >/dev/null || cargo install cargo-mutants --locked
+	cargo mutants --package misfit-core --package misfit-campaign --file 'crates/misfit-core/src/fit/**' \
+		--file 'crates/campaign/src/*.rs' --test-workspace true --jobs 1
 
 doc: setup
 	RUSTDOCFLAGS="--deny warnings" cargo doc --locked --workspace --no-deps
@@ -46,7 +64,7 @@ examples: setup
 scenarios: build
 	@set -e; for name in $(SCENARIOS); do $(MISFIT) run scenarios/$$name.toml; echo; done
 
-# what the README and the guide show of the commands that take long, compared with what they print: six minutes on two cores
+# what the README and the pages of docs show of the commands that take long, compared with what they print: six minutes on two cores
 figures: bags
 	MISFIT=$(CURDIR)/$(MISFIT) cargo test --locked --test all \
 		docs::costly_commands_do_what_the_documents_say -- --ignored

@@ -17,6 +17,8 @@ mod golden;
 mod hostile;
 mod house;
 mod map;
+#[path = "../crates/campaign/tests/measured.rs"]
+mod measured;
 mod report;
 #[allow(dead_code)]
 #[path = "../crates/campaign/tests/two_arms.rs"]

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, missing_docs)]
 
 mod campaign;
+mod measured;
 mod recording;
 mod tables;
 mod two_arms;

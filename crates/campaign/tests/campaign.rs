@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used)]
 
+use crate::measured::measured;
 use crate::two_arms::{DH_TABLE, TWO_ARMS, assert_same};
 use misfit_arm::robot::Robot;
 use misfit_campaign::{
@@ -585,13 +586,10 @@ fn whole_poses_are_drawn_the_same_for_the_same_seed() {
 
 #[test]
 fn the_measured_ur10_is_read_whole() {
-    let path = Path::new("../../../shared/data/ur10_tracker/series_C.toml");
-    assert!(
-        path.exists(),
-        "the real measurements are missing: {} should lie beside the package",
-        path.display()
-    );
-    let campaign = Campaign::load(path).unwrap();
+    let Some(path) = measured("campaign::the_measured_ur10_is_read_whole", "series_C.toml") else {
+        return;
+    };
+    let campaign = Campaign::load(&path).unwrap();
     assert_eq!(campaign.readings.len(), 2773);
     assert_eq!(campaign.robot.joints.len(), 6);
     assert!(campaign.warnings.is_empty(), "{:?}", campaign.warnings);

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used)]
 
 use crate::campaign::campaign;
+use crate::measured::measured;
 use crate::two_arms::{DH_TABLE, TWO_ARMS, assert_same};
 use misfit_arm::robot::Robot;
 use misfit_campaign::recording::{
@@ -241,13 +242,13 @@ fn two_attachments_of_one_name_are_refused() {
 
 #[test]
 fn the_measured_ur10_survives_recording() {
-    let path = Path::new("../../../shared/data/ur10_tracker/series_C.toml");
-    assert!(
-        path.exists(),
-        "the real measurements are missing: {} should lie beside the package",
-        path.display()
-    );
-    let campaign = Campaign::load(path).unwrap();
+    let Some(path) = measured(
+        "recording::the_measured_ur10_survives_recording",
+        "series_C.toml",
+    ) else {
+        return;
+    };
+    let campaign = Campaign::load(&path).unwrap();
     let folder = TempDir::new().unwrap();
     let recording = written(&folder, &campaign);
     assert_same(&campaign, &Campaign::load(&recording).unwrap());

@@ -11,4 +11,6 @@ mod expression;
 mod fit;
 mod form;
 mod kinematics;
+#[path = "../../campaign/tests/measured.rs"]
+mod measured;
 mod sweep;

@@ -1,5 +1,6 @@
 //! The diagnosis on campaigns with a hidden effect, simulated in MuJoCo: named, told apart, or nothing said.
 
+use crate::measured::measured;
 use misfit_campaign::Campaign;
 use misfit_cell::scenario::{Scenario, simulate::simulate};
 use misfit_core::diagnosis::{Diagnosis, POSES, Verdict, diagnose, next_poses};
@@ -9,7 +10,6 @@ use misfit_core::model::Model;
 use misfit_core::model_file;
 use nalgebra::Vector3;
 use std::fs;
-use std::path::Path;
 
 const QUICK: Options = Options {
     cross_validate: false,
@@ -292,19 +292,19 @@ fn held_out_readings_do_not_count() {
 }
 
 /// Real readings; they are not part of the project.
-fn ur10(series: &str) -> Campaign {
-    let path = Path::new("../../../shared/data/ur10_tracker").join(series);
-    assert!(
-        path.exists(),
-        "this test needs the UR10 tracker data at {}",
-        path.display()
-    );
-    Campaign::load(&path).unwrap()
+fn ur10(test: &str, series: &str) -> Option<Campaign> {
+    let path = measured(test, series)?;
+    Some(Campaign::load(&path).unwrap())
 }
 
 #[test]
 fn the_ladder_of_a_real_robot_falls() {
-    let campaign = ur10("series_C.toml");
+    let Some(campaign) = ur10(
+        "diagnosis::the_ladder_of_a_real_robot_falls",
+        "series_C.toml",
+    ) else {
+        return;
+    };
     let found = ladder::climb(&campaign, None, &[], None, &QUICK, |_| {}).unwrap();
     let added: Vec<&str> = found.rungs.iter().map(|r| r.added.as_str()).collect();
     assert_eq!(added[..3], ["nominal", "joint_offset", "geometry"]);
@@ -498,7 +498,11 @@ fn a_ladder_starts_and_stops_where_it_is_told_to() {
 
 #[test]
 fn the_ladder_of_the_other_real_series_falls_too() {
-    let found = ladder::climb(&ur10("series_D.toml"), None, &[], None, &QUICK, |_| {}).unwrap();
+    let test = "diagnosis::the_ladder_of_the_other_real_series_falls_too";
+    let Some(campaign) = ur10(test, "series_D.toml") else {
+        return;
+    };
+    let found = ladder::climb(&campaign, None, &[], None, &QUICK, |_| {}).unwrap();
     assert_eq!(found.last.named[0], "gear_ripple");
     let last = found.rungs[found.rungs.len() - 1].heldout.unwrap();
     assert!(last.position_rms_m < 0.25e-3, "{last:?}");

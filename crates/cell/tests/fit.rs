@@ -704,22 +704,13 @@ mod cannot_be_seen {
 /// Fraunhofer IPA's robot accuracy data, series C: a UR10 and a laser tracker.
 mod ur10 {
     use super::*;
+    use crate::measured::measured;
 
-    /// Kept beside the repository: the data's licence is its own.
-    const DATA: &str = "../shared/data/ur10_tracker/series_C.toml";
-
-    fn heldout(effects: &str) -> (f64, Fit) {
-        let path = file(DATA);
-        assert!(
-            path.exists(),
-            "{}: the UR10 data are not there",
-            path.display()
-        );
-        let campaign = Campaign::load(&path).unwrap();
-        let found = fitted(&campaign, Some(effects));
+    fn heldout(campaign: &Campaign, effects: &str) -> f64 {
+        let found = fitted(campaign, Some(effects));
         assert!(found.converged);
-        assert_eq!(found.readings.1, heldout_count(&campaign));
-        (found.heldout.unwrap().position_rms_m * 1e3, found)
+        assert_eq!(found.readings.1, heldout_count(campaign));
+        found.heldout.unwrap().position_rms_m * 1e3
     }
 
     fn heldout_count(campaign: &Campaign) -> usize {
@@ -732,11 +723,16 @@ mod ur10 {
     /// Each richer model predicts readings better that it has not seen; the figures are those of this data set.
     #[test]
     fn richer_models_predict_better() {
-        let (frames, _) = heldout("");
+        let Some(path) = measured("fit::ur10::richer_models_predict_better", "series_C.toml")
+        else {
+            return;
+        };
+        let campaign = Campaign::load(&path).unwrap();
+        let frames = heldout(&campaign, "");
         assert!((0.98..1.00).contains(&frames), "{frames} mm");
-        let (offsets, _) = heldout("joint_offset");
+        let offsets = heldout(&campaign, "joint_offset");
         assert!(offsets <= 0.551, "{offsets} mm");
-        let (geometry, _) = heldout("geometry");
+        let geometry = heldout(&campaign, "geometry");
         assert!(geometry <= 0.50, "{geometry} mm");
     }
 }
