@@ -5,6 +5,7 @@
 #[allow(dead_code)] // each crate uses a part
 mod common;
 mod diagnosis;
+mod disturbance;
 mod effects;
 mod equilibrium;
 mod expression;

@@ -14,8 +14,10 @@ use rand_distr::StandardNormal;
 pub struct Draws {
     /// One a joint, to be multiplied by its noise in rad (m).
     pub joints: Vec<f64>,
-    position: Vector3<f64>,
-    orientation: Vector3<f64>,
+    /// Of the tracker's position, to be multiplied by its noise.
+    pub position: Vector3<f64>,
+    /// Of the probe's orientation, to be multiplied by its noise.
+    pub orientation: Vector3<f64>,
     force: Vector3<f64>,
     torque: Vector3<f64>,
 }

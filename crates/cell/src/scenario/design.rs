@@ -123,6 +123,7 @@ pub(crate) mod stream {
     pub const COMPENSATION: u128 = 8;
     pub const CONTROL_LOOP: u128 = 9;
     pub const DRILL: u128 = 10;
+    pub const DISTURBANCE: u128 = 11;
 }
 
 /// All readings of a scenario, in the order in which they are taken.

@@ -4,6 +4,7 @@ pub mod blind;
 pub mod compensated;
 pub mod control_loop;
 pub mod design;
+pub mod disturbance;
 pub mod drill;
 pub mod efficiency;
 pub mod expect;
@@ -55,6 +56,10 @@ pub struct Scenario {
     pub state_noise: bool,
     /// Are wrist wrenches among the readings?
     pub wrench: bool,
+    /// Are orientations? A single reflector gives none.
+    pub orientation: bool,
+    /// What goes wrong while it is measured.
+    pub disturbance: disturbance::Disturbance,
     /// What the campaign file says of the frames.
     pub base_from_tracker: Frame,
     /// The same, by target.

@@ -33,6 +33,8 @@ struct OwnKeys {
     design: DesignEntry,
     #[serde(default)]
     instruments: InstrumentsEntry,
+    #[serde(default)]
+    disturbance: super::disturbance::Disturbance,
     effects: Option<Vec<String>>,
     model: Option<PathBuf>,
     campaigns: Option<usize>,
@@ -111,15 +113,25 @@ struct InsteadEntry {
     design: DesignEntry,
 }
 
-#[derive(Debug, Deserialize, Default)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 struct InstrumentsEntry {
     /// Wrist wrenches among the readings.
-    #[serde(default)]
     wrench: bool,
     /// The campaign file does not tell the noise.
-    #[serde(default)]
     noise_unknown: bool,
+    /// Orientations among the readings.
+    orientation: bool,
+}
+
+impl Default for InstrumentsEntry {
+    fn default() -> Self {
+        Self {
+            wrench: false,
+            noise_unknown: false,
+            orientation: true,
+        }
+    }
 }
 
 fn one() -> usize {
@@ -184,6 +196,7 @@ impl Scenario {
             }
         }
         let truth = truths(&file, own.truth.clone(), &setup, own.seed)?;
+        own.disturbance.check().map_err(&form)?;
         if let Some(blind) = &own.blind {
             blind.check().map_err(&form)?;
         }
@@ -223,6 +236,8 @@ impl Scenario {
             noise: settings.noise.unwrap_or_default(),
             state_noise: !own.instruments.noise_unknown && settings.noise.is_some_and(is_noisy),
             wrench: own.instruments.wrench,
+            orientation: own.instruments.orientation,
+            disturbance: own.disturbance,
             base_from_tracker: settings.base_from_tracker,
             link_from_target: settings.link_from_target,
             design,
@@ -321,7 +336,8 @@ fn read_text(path: &Path) -> Result<String, ScenarioError> {
 /// The scenario without what scoring alone may read.
 fn public(all: &toml::Table) -> Result<String, toml::ser::Error> {
     let kept = all.iter();
-    let kept = kept.filter(|(key, _)| !["truth", "blind", "expect"].contains(&key.as_str()));
+    let kept = kept
+        .filter(|(key, _)| !["truth", "disturbance", "blind", "expect"].contains(&key.as_str()));
     let kept: toml::Table = kept.map(|(k, v)| (k.clone(), v.clone())).collect();
     toml::to_string(&kept)
 }

@@ -3,6 +3,7 @@
 //! The truth goes into the plant and into a file of its own; the campaign holds readings only.
 
 use super::design::{Visit, stream, visits};
+use super::disturbance::Disturbed;
 use super::{Scenario, ScenarioError, Truth};
 use crate::campaign::{Campaign, Noise, Payload, Reading, Split};
 use crate::plant::instruments::{Draws, read};
@@ -72,10 +73,12 @@ pub fn measure(
     let visits = visits(scenario)?;
     let mut random = generator(scenario.seed, stream::NOISE);
     let joints = scenario.setup.robot.joints.len();
-    let draws: Vec<Draws> = visits
+    let mut draws: Vec<Draws> = visits
         .iter()
         .map(|_| Draws::new(joints, &mut random))
         .collect();
+    let disturbance = &scenario.disturbance;
+    let disturbed = disturbance.prepare(scenario.seed, spec, &visits, &mut draws);
     let jobs: Vec<(usize, &Visit, &Draws)> = visits
         .iter()
         .zip(&draws)
@@ -96,7 +99,14 @@ pub fn measure(
     let readings = original
         .visit_all(&jobs, |plant, &(index, visit, draws)| {
             let moment = moment(index);
-            let reading = take((scenario, spec, noise), plant, index, &moment, visit, draws);
+            let reading = take(
+                (scenario, spec, noise),
+                plant,
+                &disturbed,
+                (index, &moment),
+                visit,
+                draws,
+            );
             on_reading();
             reading
         })
@@ -114,7 +124,9 @@ pub(super) fn campaign(scenario: &Scenario, readings: Vec<Reading>) -> Campaign 
         targets: scenario.setup.targets.clone(),
         base_from_tracker: scenario.base_from_tracker,
         link_from_target: scenario.link_from_target.clone(),
-        noise: scenario.state_noise.then_some(scenario.noise),
+        noise: scenario
+            .state_noise
+            .then(|| scenario.disturbance.stated(&scenario.noise)),
         readings,
         warnings: Vec::new(),
         notes: Vec::new(),
@@ -137,16 +149,21 @@ struct Moment {
 fn take(
     (scenario, spec, noise): (&Scenario, &PlantSpec, &Noise),
     plant: &mut Plant,
-    index: usize,
-    moment: &Moment,
+    disturbed: &Disturbed,
+    (index, moment): (usize, &Moment),
     visit: &Visit,
     draws: &Draws,
 ) -> Result<Reading, PlantError> {
     let load = scenario.design.loads[visit.load];
+    let (spec, zero) = disturbed.at(index, spec);
     let joints = visit.joints.iter().zip(&draws.joints);
+    // the encoder reads the command; the joint repeats it only so well
+    let mut joints: Vec<f64> = joints.map(|(q, draw)| q + draw * noise.joint).collect();
+    if let Some((joint, jump)) = zero {
+        joints[joint] += jump;
+    }
     let command = Command {
-        // the encoder reads the command; the joint repeats it only so well
-        joints: joints.map(|(q, draw)| q + draw * noise.joint).collect(),
+        joints,
         time: moment.from_middle,
         temperature: moment.above_mean,
         ..visit.command(&load)
@@ -158,7 +175,7 @@ fn take(
         .loads
         .iter()
         .any(|load| load.pull != Vector3::zeros());
-    Ok(Reading {
+    let mut reading = Reading {
         // the header of the table is line 1
         line: index + 2,
         pose: Some(format!("p{:03}", visit.pose + 1)),
@@ -174,8 +191,8 @@ fn take(
         link_temperatures: Vec::new(),
         joints: visit.joints.clone(),
         approach: (design.directions > 1).then(|| vec![visit.direction; visit.joints.len()]),
-        position: seen.position,
-        orientation: Some(seen.orientation),
+        position: seen.position + disturbed.shift(index),
+        orientation: scenario.orientation.then_some(seen.orientation),
         wrench: (scenario.wrench || pulled).then_some(seen.wrench),
         // a pull is no dead weight: then only the sensor knows the load
         payload: (!pulled).then_some(Payload {
@@ -183,7 +200,9 @@ fn take(
             com: load.com,
         }),
         process: None,
-    })
+    };
+    scenario.disturbance.state(&mut reading);
+    Ok(reading)
 }
 
 /// The truth as a model file, which only scoring reads.
