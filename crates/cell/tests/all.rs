@@ -11,6 +11,7 @@ mod equilibrium;
 mod expression;
 mod fit;
 mod form;
+mod kinds;
 mod kinematics;
 #[path = "../../campaign/tests/measured.rs"]
 mod measured;

@@ -1,6 +1,6 @@
 //! The truth: a robot with springs, displaced bodies and instruments, realised in MuJoCo.
 //!
-//! The plant shares the nominal [`Robot`] with the model, as data, and nothing else: kinematics, statics
+//! The plant shares the nominal robot with the model, as data, and nothing else: kinematics, statics
 //! and wrist wrenches are MuJoCo's, the instruments' geometry is nalgebra's.
 //!
 //! A state is the static equilibrium under a command, always sought from the commanded angles: it depends

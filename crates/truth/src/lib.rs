@@ -9,7 +9,7 @@ pub use laws::{CommandLaw, LoadLaw, SensorLaw, TorqueLaw, TrackerLaw, WindupLaw}
 use misfit_arm::robot::Robot;
 use nalgebra::{Isometry3, Vector3};
 
-/// The truth under construction; effects add themselves to it, then [`Plant::build`] makes it.
+/// The truth under construction; effects add themselves to it, then the plant makes it.
 #[derive(Clone)]
 pub struct PlantSpec {
     /// The robot as MuJoCo will have it: starts nominal, effects move joints and masses.

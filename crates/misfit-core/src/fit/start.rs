@@ -14,6 +14,9 @@ use nalgebra::{
 /// Readings used at most: enough for a start.
 const MOST: usize = 400;
 
+/// A start that leaves more than this share of the spread of the positions is none.
+const GROSS: f64 = 0.05;
+
 /// Poses to start the fit from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Start {
@@ -42,7 +45,13 @@ pub fn frames(campaign: &Campaign, setup: &Setup, readings: &[&Reading]) -> Star
         .collect();
     let sums = Sums::new(campaign, &pairs);
     let turn = tracker_rotation(campaign, &pairs);
-    let rotation = turn.unwrap_or_else(|| from_positions(&sums));
+    let known = matches!(campaign.base_from_tracker, Frame::Known(_));
+    let rotation = match turn {
+        Some(turn) if known || sums.rms(&sums.places(&turn)) <= GROSS * spread(&pairs) => turn,
+        // orientations about one axis alone, as a SCARA's, leave the turn about it open
+        Some(turn) => sums.better(turn, from_positions(&sums)),
+        None => from_positions(&sums),
+    };
     let places = sums.places(&rotation);
     let place = |first: usize| Translation3::from(places.fixed_rows::<3>(first).into_owned());
     let targets = (0..campaign.targets.len())
@@ -65,6 +74,20 @@ pub fn frames(campaign: &Campaign, setup: &Setup, readings: &[&Reading]) -> Star
         base_from_tracker,
         link_from_target: targets,
     }
+}
+
+/// Root mean square of the positions about their mean, m.
+fn spread(pairs: &[Pair]) -> f64 {
+    let count = pairs.len().max(1) as f64;
+    let mean = pairs
+        .iter()
+        .map(|pair| pair.reading.position)
+        .sum::<Vector3<f64>>()
+        / count;
+    let squares = pairs
+        .iter()
+        .map(|pair| (pair.reading.position - mean).norm_squared());
+    (squares.sum::<f64>() / count).sqrt()
 }
 
 /// base_from_link of the nominal, unloaded robot.
@@ -236,6 +259,16 @@ impl Sums {
         // of exact readings rounding leaves less than nothing
         let squares = all.dot(&(&self.form * all)).max(0.0);
         (squares / self.readings.max(1) as f64).sqrt()
+    }
+
+    /// Of two rotations of the tracker the one that leaves less.
+    fn better(&self, one: Rotation3<f64>, other: Rotation3<f64>) -> Rotation3<f64> {
+        let left = |rotation: &Rotation3<f64>| self.rms(&self.places(rotation));
+        if left(&one) <= left(&other) {
+            one
+        } else {
+            other
+        }
     }
 
     /// The rotation that leaves least with tracker and targets there (Kabsch 1976).
