@@ -13,6 +13,7 @@ use misfit_campaign::{Campaign, Reading, Split};
 use misfit_cell::scenario::{Job, Scenario, design, planned, simulate};
 use misfit_core::compensation::{Reach, Robot, solve};
 use misfit_core::diagnosis::diagnose;
+use misfit_core::effects::{EffectList, Role};
 use misfit_core::fit::{Options, fit};
 use misfit_core::ladder;
 use misfit_core::map;
@@ -44,7 +45,12 @@ fn fits(c: &mut Criterion) {
         (12_000, "geometry,joint_compliance"),
     ] {
         let campaign = campaign(readings);
-        let model = model_file::model(&campaign, Some(effects), None).unwrap();
+        let model = model_file::model(
+            &campaign,
+            &EffectList::parse("benchmark", effects).unwrap(),
+            None,
+        )
+        .unwrap();
         let name = format!("{effects} ({} parameters)", model.start().len());
         group.throughput(Throughput::Elements(readings as u64));
         group.bench_function(BenchmarkId::new(name, readings), |b| {
@@ -59,7 +65,7 @@ fn kinematics(c: &mut Criterion) {
     let mut scenario = Scenario::load(Path::new("scenarios/springs.toml")).unwrap();
     scenario.design.poses = 8;
     let campaign = simulate::simulate(&scenario, || {}).unwrap();
-    let model = model_file::model(&campaign, Some("geometry"), None).unwrap();
+    let model = model_file::model(&campaign, &EffectList::only(Role::Geometry), None).unwrap();
     let p = true_values(&scenario, &model);
     let mut workspace = Workspace::new(&model.setup);
     let mut jacobian = Rows::zeros(model.setup.robot.joints.len());
@@ -95,7 +101,7 @@ fn model(c: &mut Criterion) {
     let mut scenario = scenario;
     scenario.design.poses = 8;
     let campaign = simulate::simulate(&scenario, || {}).unwrap();
-    let model = model_file::model(&campaign, None, None).unwrap();
+    let model = model_file::model(&campaign, &EffectList::DEFAULT, None).unwrap();
     let p = true_values(&scenario, &model);
     let wanted = vec![true; p.len()];
     let mut workspace = Workspace::new(&model.setup);
@@ -170,7 +176,7 @@ fn recording(c: &mut Criterion) {
 fn plans(c: &mut Criterion) {
     let scenario = Scenario::load(Path::new("scenarios/hidden.toml")).unwrap();
     let (protocol, campaign) = planned(&scenario).unwrap();
-    let model = model_file::model(&campaign, None, None).unwrap();
+    let model = model_file::model(&campaign, &EffectList::DEFAULT, None).unwrap();
     let values = true_values(&scenario, &model);
     let task = Task {
         model: &model,
@@ -215,7 +221,7 @@ fn diagnoses(c: &mut Criterion) {
     group.sample_size(10);
     for (name, scenario) in [("a hidden effect", scenario), ("nothing hidden", plain)] {
         let campaign = simulate::simulate(&scenario, || {}).unwrap();
-        let model = model_file::model(&campaign, None, None).unwrap();
+        let model = model_file::model(&campaign, &EffectList::DEFAULT, None).unwrap();
         let readings = campaign.readings.len();
         group.bench_function(BenchmarkId::new(name, readings), |b| {
             b.iter(|| diagnose(&campaign, &model, &[], &OPTIONS, |_| {}).unwrap());
@@ -237,7 +243,9 @@ fn ladders(c: &mut Criterion) {
     let mut group = c.benchmark_group("ladder");
     group.sample_size(10);
     group.bench_function(BenchmarkId::new("UR10 series C", readings), |b| {
-        b.iter(|| ladder::climb(&campaign, None, &[], None, &OPTIONS, |_| {}).unwrap());
+        b.iter(|| {
+            ladder::climb(&campaign, &EffectList::DEFAULT, &[], None, &OPTIONS, |_| {}).unwrap()
+        });
     });
     group.finish();
 }
@@ -247,7 +255,12 @@ fn compensation(c: &mut Criterion) {
     let scenario = Scenario::load(Path::new("scenarios/compensate_exact.toml")).unwrap();
     let campaign = simulate::simulate(&scenario, || {}).unwrap();
     let words: Vec<&str> = scenario.truth.iter().map(|t| t.effect.id()).collect();
-    let model = model_file::model(&campaign, Some(&words.join(",")), None).unwrap();
+    let model = model_file::model(
+        &campaign,
+        &EffectList::parse("benchmark", &words.join(",")).unwrap(),
+        None,
+    )
+    .unwrap();
     let values = true_values(&scenario, &model);
     let robot = Robot::new(&model, &values);
     let setup = &model.setup;
@@ -302,7 +315,7 @@ fn compensation(c: &mut Criterion) {
 fn maps(c: &mut Criterion) {
     let scenario = Scenario::load(Path::new("scenarios/map.toml")).unwrap();
     let campaign = simulate::simulate(&scenario, || {}).unwrap();
-    let model = model_file::model(&campaign, None, None).unwrap();
+    let model = model_file::model(&campaign, &EffectList::DEFAULT, None).unwrap();
     let values = true_values(&scenario, &model);
     let robot = Robot::new(&model, &values);
     let setup = &model.setup;

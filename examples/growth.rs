@@ -11,7 +11,7 @@ use anyhow::{Context, ensure};
 use misfit_campaign::Campaign;
 use misfit_cell::scenario::{Scenario, design, simulate};
 use misfit_core::diagnosis::diagnose;
-use misfit_core::effects::{self, AnyEffect};
+use misfit_core::effects::{self, AnyEffect, EffectList};
 use misfit_core::fit::{Fit, Options, fit};
 use misfit_core::model::{Model, Rows, Workspace};
 use misfit_core::model_file;
@@ -64,7 +64,7 @@ fn campaign(scenario: &Scenario, readings: usize) -> anyhow::Result<Campaign> {
 
 /// A model, its fit and the time of that.
 fn fitted(campaign: &Campaign, words: &str) -> anyhow::Result<(Model, Fit, f64)> {
-    let model = model_file::model(campaign, Some(words), None)?;
+    let model = model_file::model(campaign, &EffectList::parse("growth", words)?, None)?;
     let time = seconds(|| {
         fit(campaign, &model, &OPTIONS, |_| {})?;
         Ok(())
@@ -262,7 +262,7 @@ fn by_families() -> anyhow::Result<()> {
         let laws = (0..own).map(law).collect::<anyhow::Result<Vec<_>>>()?;
         let (mut weighed, mut cells) = (0, Vec::new());
         for campaign in &campaigns {
-            let model = model_file::model(campaign, None, None)?;
+            let model = model_file::model(campaign, &EffectList::DEFAULT, None)?;
             cells.push(text(seconds(|| {
                 weighed = diagnose(campaign, &model, &laws, &OPTIONS, |_| {})?
                     .candidates
@@ -313,7 +313,7 @@ fn peak(work: &str, readings: usize) -> anyhow::Result<f64> {
 /// What `peak` calls: does some work and prints the most memory that was held, bytes. Linux only.
 fn work(work: &str, readings: usize) -> anyhow::Result<()> {
     let campaign = campaign(&Scenario::load(&file("scenarios/large.toml"))?, readings)?;
-    let model = model_file::model(&campaign, None, None)?;
+    let model = model_file::model(&campaign, &EffectList::DEFAULT, None)?;
     match work {
         "fit" => drop(fit(&campaign, &model, &OPTIONS, |_| {})?),
         _ => drop(diagnose(&campaign, &model, &[], &OPTIONS, |_| {})?),

@@ -7,7 +7,7 @@ use anyhow::{Context, ensure};
 use misfit_arm::dual_quaternion::Scalar;
 use misfit_campaign::setup::Setup;
 use misfit_cell::scenario::{Scenario, Truth, simulate::simulate};
-use misfit_core::effects::{Effect, Parameter, Stage};
+use misfit_core::effects::{Effect, EffectList, Parameter, Place, Stage};
 use misfit_core::fit::{Options, fit};
 use misfit_core::model_file;
 use misfit_core::posture::Posture;
@@ -27,7 +27,9 @@ impl Effect for Hose {
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
         let turned = setup.observed.iter().skip(1);
         turned
-            .map(|&joint| Parameter::new(&setup.robot.joints[joint].name, "rad", 1e-4))
+            .map(|&joint| {
+                Parameter::new(&setup.robot.joints[joint].name, "rad", 1e-4).at(Place::Joint(joint))
+            })
             .collect()
     }
 
@@ -82,7 +84,7 @@ fn main() -> anyhow::Result<()> {
     let options = Options {
         cross_validate: true,
     };
-    let default = model_file::model(&campaign, None, None)?;
+    let default = model_file::model(&campaign, &EffectList::DEFAULT, None)?;
     let before = fit(&campaign, &default, &options, |_| {})?;
     let after = fit(&campaign, &default.with(&hose), &options, |_| {})?;
 

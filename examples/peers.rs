@@ -9,6 +9,7 @@ mod processor;
 
 use anyhow::{Context, ensure};
 use misfit_campaign::{Campaign, Split};
+use misfit_core::effects::EffectList;
 use misfit_core::fit::{Options, fit};
 use misfit_core::model::Workspace;
 use misfit_core::model_file;
@@ -23,7 +24,7 @@ fn main() -> anyhow::Result<()> {
     let runs: usize = runs.parse().context("RUNS: a number is accepted")?;
     ensure!(runs > 0, "RUNS: accepted: 1 and more");
     let campaign = Campaign::load(Path::new(file))?;
-    let model = model_file::model(&campaign, Some(effects), None)?;
+    let model = model_file::model(&campaign, &EffectList::parse("EFFECTS", effects)?, None)?;
     let options = Options {
         cross_validate: false,
     };

@@ -9,6 +9,7 @@ use assert_cmd::Command;
 use misfit_arm::robot::{JointKind, Robot};
 use misfit_campaign::setup::Setup;
 use misfit_campaign::{Campaign, Reading, RobotFile};
+use misfit_core::effects::{EffectList, Role};
 use misfit_core::export::{Calibrated, ExportError, dh, urdf};
 use misfit_core::fit::{self, Options};
 use misfit_core::model::{Model, Workspace, pose_numbers};
@@ -175,7 +176,7 @@ fn files_made_from_a_fit_are_the_plant() {
         let own = readings(60, &mut random);
         let mut campaign = twins.campaign(own);
         (campaign.robot_file.name, campaign.robot_file.text) = file;
-        let model = model_file::model(&campaign, Some("geometry"), None).unwrap();
+        let model = model_file::model(&campaign, &EffectList::only(Role::Geometry), None).unwrap();
         let options = Options {
             cross_validate: false,
         };

@@ -11,7 +11,7 @@ use misfit_campaign::recording::{self, Beside, RecordingError, read_bag, read_re
 use misfit_campaign::{Campaign, CampaignError, LoadError};
 use misfit_cell::scenario::Scenario;
 use misfit_core::diagnosis::diagnose;
-use misfit_core::effects::{self, table::MOST_EFFECTS};
+use misfit_core::effects::{self, EffectList, table::MOST_EFFECTS};
 use misfit_core::fit::{self, Options};
 use misfit_core::ladder;
 use misfit_core::model_file;
@@ -329,7 +329,7 @@ fn more_than_a_million_readings_are_refused() {
 fn a_diagnosis_that_would_fill_the_memory_is_refused() {
     let folder = cell();
     let mut campaign = Campaign::load(&folder.path().join("c.toml")).unwrap();
-    let model = model_file::model(&campaign, None, None).unwrap();
+    let model = model_file::model(&campaign, &EffectList::DEFAULT, None).unwrap();
     // many columns by many rows, each of them allowed: a law of one's own with 50 parameters, a thousand times
     let names: Vec<String> = (0..50).map(|k| format!("p{k}")).collect();
     let parameters: Vec<String> = (names.iter())
@@ -359,7 +359,7 @@ fn a_diagnosis_that_would_fill_the_memory_is_refused() {
     let early = |step: &str| panic!("{step} before the size is looked at");
     let refused = diagnose(&campaign, &model, &own, &options, early);
     says(&refused.unwrap_err(), &parts);
-    let refused = ladder::climb(&campaign, None, &own, None, &options, early);
+    let refused = ladder::climb(&campaign, &EffectList::DEFAULT, &own, None, &options, early);
     says(&refused.unwrap_err(), &parts);
 }
 
@@ -461,7 +461,7 @@ fn too_many_effects_and_numbers_are_refused() {
     let refuses = |text: String, parts: &[&str]| {
         fs::write(&path, text).unwrap();
         says(
-            &soon(|| model_file::model(&campaign, None, Some(&path))).unwrap_err(),
+            &soon(|| model_file::model(&campaign, &EffectList::DEFAULT, Some(&path))).unwrap_err(),
             parts,
         );
     };
@@ -1036,7 +1036,7 @@ proptest! {
         let whole = Options { cross_validate: true };
         match Campaign::load(&path) {
             Err(error) => says(&error, &[]),
-            Ok(campaign) => match model_file::model(&campaign, None, Some(&model)) {
+            Ok(campaign) => match model_file::model(&campaign, &EffectList::DEFAULT, Some(&model)) {
                 Err(error) => says(&error, &[]),
                 Ok(model) => match fit::fit(&campaign, &model, &whole, |_| {}) {
                     Err(error) => says(&error, &[]),

@@ -5,6 +5,7 @@ use misfit_campaign::Payload;
 use misfit_cell::scenario::mapped::{agreement, last_load, map};
 use misfit_cell::scenario::{Scenario, efficiency, simulate};
 use misfit_core::compensation::{Reach, Robot};
+use misfit_core::effects::EffectList;
 use misfit_core::map::{By, Map, Request, Which, postures};
 use misfit_core::model_file;
 use std::path::Path;
@@ -37,7 +38,7 @@ fn postures_are_at_their_points() {
     let scenario = scenario();
     let setup = &scenario.setup;
     let campaign = simulate::simulate(&scenario, || {}).unwrap();
-    let model = model_file::model(&campaign, Some("tracker_frame,target_offset"), None).unwrap();
+    let model = model_file::model(&campaign, &EffectList::FRAMES, None).unwrap();
     let values = efficiency::true_values(&scenario, &model);
     let robot = Robot::new(&model, &values);
     let spec = simulate::plant_spec(&scenario).unwrap();

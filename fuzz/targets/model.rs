@@ -3,6 +3,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use misfit_campaign::Campaign;
+use misfit_core::effects::EffectList;
 use misfit_core::model_file;
 use misfit_fuzz::{Folder, refused};
 use std::sync::LazyLock;
@@ -19,12 +20,12 @@ static CELL: LazyLock<(Folder, Campaign)> = LazyLock::new(|| {
 fuzz_target!(|bytes: &[u8]| {
     let (folder, campaign) = &*CELL;
     let path = folder.write("model.toml", bytes);
-    match model_file::model(campaign, None, Some(&path)) {
+    match model_file::model(campaign, &EffectList::DEFAULT, Some(&path)) {
         Err(error) => refused(&error),
         Ok(model) => {
             let text = model_file::text(&model).unwrap();
             let path = folder.write("written.toml", text.as_bytes());
-            model_file::model(campaign, None, Some(&path)).unwrap();
+            model_file::model(campaign, &EffectList::DEFAULT, Some(&path)).unwrap();
         }
     }
     if let Err(error) = model_file::candidates(campaign, &path) {

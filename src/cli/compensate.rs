@@ -1,5 +1,6 @@
 //! `misfit compensate`.
 
+use super::arguments::{ModelArguments, outcome};
 use super::{Outcome, print, print_json, progress, usage};
 use crate::campaign::{Reading, Tasks, read_tasks, render_commands, write_atomically};
 use crate::compensation::{Corrected, End, Reach, Robot, correct, posture};
@@ -7,8 +8,8 @@ use crate::fit::{self, Options};
 use crate::model::{Model, Workspace};
 use crate::plan::Limits;
 use crate::recording::{Beside, Holds, write_campaign};
+use crate::report;
 use crate::space::{Space, generator};
-use crate::{model_file, report};
 use anyhow::Context;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
 use rayon::prelude::*;
@@ -32,12 +33,8 @@ pub struct Arguments {
     /// Table of tasks: wanted poses and loads.
     #[arg(long, value_name = "TASKS.csv")]
     tasks: PathBuf,
-    /// Effects of the model, comma-separated; a leading + adds to the default.
-    #[arg(long, value_name = "A,B,…", allow_hyphen_values = true)]
-    effects: Option<String>,
-    /// Model file with [[effect]] tables, values to start from or to hold.
-    #[arg(long, value_name = "M.toml")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArguments,
     /// Frame in which the poses are given.
     #[arg(long, value_enum, default_value_t = Given::Tracker)]
     frame: Given,
@@ -105,7 +102,7 @@ fn output_path(text: &str) -> Result<PathBuf, String> {
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let read = [
         Some(arguments.tasks.as_path()),
-        arguments.model.as_deref(),
+        arguments.model.model.as_deref(),
         arguments.limits.as_deref(),
     ];
     super::writable(&[arguments.output.as_deref()], &arguments.campaign, &read)?;
@@ -116,11 +113,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         has_joints: named,
         warnings,
     } = read_tasks(&arguments.tasks, &campaign)?;
-    let model = model_file::model(
-        &campaign,
-        arguments.effects.as_deref(),
-        arguments.model.as_deref(),
-    )?;
+    let model = arguments.model.model(&campaign)?;
     let robot_joints = &campaign.robot.joints;
     let mut held = Vec::new();
     for word in arguments.hold.iter().flat_map(|list| list.split(',')) {
@@ -258,9 +251,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         print(&text)?;
     }
     let all = corrected.iter().all(|c| c.command.end == End::Reached);
-    Ok(if all && found.converged {
-        Outcome::Done
-    } else {
-        Outcome::Missed
+    Ok(match all {
+        true => outcome(&found),
+        false => Outcome::Missed,
     })
 }

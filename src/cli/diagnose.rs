@@ -1,11 +1,11 @@
 //! `misfit diagnose`.
 
-use super::record::Record;
+use super::arguments::{Candidates, Found, ModelArguments, Outputs, outcome};
 use super::{Outcome, print, print_json, progress, report as pages};
 use crate::diagnosis::{self, Diagnosis};
-use crate::fit::{self, Options};
+use crate::fit;
 use crate::report::format::WIDTH;
-use crate::report::html::{Origin, Results, Step};
+use crate::report::html::{Results, Step};
 use crate::{model_file, report};
 use std::path::PathBuf;
 
@@ -18,54 +18,35 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// Campaign: a .toml file with its table, or a .mcap recording.
     campaign: PathBuf,
-    /// Effects of the base model, comma-separated; a leading + adds to the default.
-    #[arg(long, value_name = "A,B,…", allow_hyphen_values = true)]
-    effects: Option<String>,
-    /// Model file with [[effect]] tables.
-    #[arg(long, value_name = "M.toml")]
-    model: Option<PathBuf>,
-    /// Model file whose [[effect]] tables are tried beside the catalogue: laws of your own.
-    #[arg(long, value_name = "M.toml")]
-    candidates: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArguments,
+    #[command(flatten)]
+    candidates: Candidates,
     /// Write the model with what is missing, for --model.
     #[arg(short = 'o', long, value_name = "M.toml")]
     save_model: Option<PathBuf>,
-    /// Write the result as one HTML page too, with pictures.
-    #[arg(long, value_name = "FILE.html", value_parser = pages::html_path)]
-    report: Option<PathBuf>,
     #[command(flatten)]
-    record: Record,
-    /// Print the result as JSON.
-    #[arg(long)]
-    json: bool,
-    /// Skip the cross-validation of campaigns without held-out readings.
-    #[arg(long)]
-    no_cross_validation: bool,
+    outputs: Outputs,
 }
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let outputs = [
+    let outputs = &arguments.outputs;
+    let written = [
         arguments.save_model.as_deref(),
-        arguments.record.record.as_deref(),
-        arguments.report.as_deref(),
+        outputs.record.record.as_deref(),
+        outputs.report.as_deref(),
     ];
-    let others = [arguments.candidates.as_deref(), arguments.model.as_deref()];
-    super::writable(&outputs, &arguments.campaign, &others)?;
+    let others = [
+        arguments.candidates.candidates.as_deref(),
+        arguments.model.model.as_deref(),
+    ];
+    super::writable(&written, &arguments.campaign, &others)?;
     let spinner = progress::spinner();
     let campaign = super::load(&arguments.campaign)?;
-    let model = model_file::model(
-        &campaign,
-        arguments.effects.as_deref(),
-        arguments.model.as_deref(),
-    )?;
-    let options = Options {
-        cross_validate: !arguments.no_cross_validation,
-    };
-    let own = match &arguments.candidates {
-        Some(file) => model_file::candidates(&campaign, file)?,
-        None => Vec::new(),
-    };
+    let model = arguments.model.model(&campaign)?;
+    let options = outputs.effort.options();
+    let own = arguments.candidates.load(&campaign)?;
     let say = |text: &str| spinner.set_message(text.to_owned());
     let found = diagnosis::diagnose(&campaign, &model, &own, &options, say)?;
     let next = pages::next_poses(&campaign, &found);
@@ -73,12 +54,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         model_file::write(file, &found.fit.model)?;
     }
     let path = arguments.campaign.display();
-    let of_model = arguments.model.as_ref();
-    let of_model = of_model.map(|model| format!(" --model {}", model.display()));
-    let given = of_model.as_deref().unwrap_or("");
-    let of_candidates = arguments.candidates.as_ref();
-    let of_candidates = of_candidates.map(|file| format!(" --candidates {}", file.display()));
-    let tried = of_candidates.as_deref().unwrap_or("");
+    let given = arguments.model.file_as_given();
+    let tried = arguments.candidates.as_given();
     let is_own = |id: &str| own.iter().any(|effect| effect.id() == id);
     let add = match (
         found.named.first().map(String::as_str),
@@ -98,8 +75,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         pages::tell_apart(a.id(), b.id(), command)
     });
     // a ladder starts from the frames, whatever the model
-    let ladder = of_model
-        .is_none()
+    let ladder = given
+        .is_empty()
         .then(|| format!("misfit ladder {path}{tried}"))
         .map(|command| {
             Step::new(
@@ -108,50 +85,41 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             )
         });
     let steps: Vec<Step> = add.into_iter().chain(apart).chain(ladder).collect();
-    let effects = arguments.effects.as_ref();
-    let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
-    let command = format!(
-        "misfit diagnose {path}{given}{effects}{tried}{}",
-        pages::quickly(arguments.no_cross_validation)
-    );
     let document = report::diagnosis::document(&found, next.as_ref());
-    let mut recorded = String::new();
-    if arguments.record.record.is_some() {
+    let recorded = || {
         let frames = model_file::frames_only(&campaign)?;
         let frames = fit::fit(&campaign, &frames, &options, |_| {})?;
-        recorded = arguments.record.write(
-            &campaign,
-            || report::recording::of_diagnosis(&campaign, &frames, &found),
-            &found.fit.model,
-            &document,
-            &command,
-        )?;
-    }
-    if let Some(file) = &arguments.report {
-        let origin = Origin {
-            command,
+        Ok(report::recording::of_diagnosis(&campaign, &frames, &found))
+    };
+    let written = outputs.write(
+        &campaign,
+        Found {
+            model: &found.fit.model,
+            document: &document,
+            command: format!(
+                "misfit diagnose {path}{}{tried}{}",
+                arguments.model.as_given(),
+                outputs.effort.as_given()
+            ),
             next: pages::own_law(&path.to_string(), &found)
                 .into_iter()
                 .chain(steps.clone())
                 .collect(),
-            seed: None,
-        };
-        let results = Results::Diagnosis {
-            diagnosis: &found,
-            next: next.as_ref(),
-        };
-        pages::write(file, &campaign, &results, &origin)?;
-    }
+            recorded,
+            page: Results::Diagnosis {
+                diagnosis: &found,
+                next: next.as_ref(),
+            },
+        },
+    )?;
     spinner.finish_and_clear();
-    if arguments.json {
+    if outputs.json {
         print_json(&document)?;
     } else {
         let mut text = report::diagnosis::text(&campaign, &found, next.as_ref());
-        if let Some(file) = &arguments.report {
-            text += &format!("\n{}\n", pages::line(file));
-        }
-        if !recorded.is_empty() {
-            text += &format!("\n{recorded}");
+        let blocks = [written.report, written.record].into_iter();
+        for block in blocks.filter(|block| !block.is_empty()) {
+            text += &format!("\n{block}");
         }
         let commands: Vec<&str> = steps.iter().map(|step| step.command.as_str()).collect();
         if !commands.is_empty() {
@@ -165,11 +133,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         print(&text)?;
     }
-    Ok(if found.fit.converged {
-        Outcome::Done
-    } else {
-        Outcome::Missed
-    })
+    Ok(outcome(&found.fit))
 }
 
 fn has_options(found: &Diagnosis, effect: &str) -> bool {

@@ -67,13 +67,13 @@ fn at_hand(entry: &Entry) -> String {
     if !entry.aliases.is_empty() {
         rows.push(format!("like     {}", entry.aliases.join(", ")));
     }
-    match id {
-        // made of a user's formula: it has no short form
-        "expression" => {
+    match entry.needs_options() {
+        // what a file alone tells has no short form
+        true => {
             rows.push("fit      misfit fit cell3.toml --model laws.toml".to_owned());
             rows.push("try      misfit diagnose cell3.toml --candidates laws.toml".to_owned());
         }
-        _ => {
+        false => {
             rows.push(format!("fit      misfit fit cell3.toml --effects +{id}"));
             rows.push(format!("hide     [[truth]] kind = \"{id}\" in a scenario"));
         }

@@ -1,7 +1,9 @@
 //! `misfit export`.
 
+use super::arguments::{ModelArguments, outcome};
 use super::{Outcome, print, progress, usage};
 use crate::campaign::{Campaign, write_atomically};
+use crate::effects::Role;
 use crate::export::{Calibrated, dh, urdf};
 use crate::fit::{self, Options};
 use crate::report::export::{self as report, Made};
@@ -23,12 +25,8 @@ its size, and `misfit compensate` corrects commands for it.")]
 pub struct Arguments {
     /// Campaign that the model is fitted to: a .toml file with its table, or a .mcap recording.
     campaign: PathBuf,
-    /// Effects of the model, comma-separated; a leading + adds to the default (or to those of --model).
-    #[arg(long, value_name = "A,B,…", allow_hyphen_values = true)]
-    effects: Option<String>,
-    /// Model file with [[effect]] tables, values to start from or to hold.
-    #[arg(long, value_name = "M.toml")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArguments,
     /// File to write; its ending is the format: .urdf, .toml (DH table) or .json.
     #[arg(short, long, value_name = "FILE", value_parser = output_path)]
     output: PathBuf,
@@ -75,7 +73,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             "--target and --four-numbers are for DH tables: -o FILE.toml",
         ));
     }
-    let others = [arguments.model.as_deref()];
+    let others = [arguments.model.model.as_deref()];
     super::writable(&[Some(path)], &arguments.campaign, &others)?;
     let spinner = progress::spinner();
     let campaign = super::load(&arguments.campaign)?;
@@ -84,11 +82,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     } else {
         0
     };
-    let model = model_file::model(
-        &campaign,
-        arguments.effects.as_deref(),
-        arguments.model.as_deref(),
-    )?;
+    let model = arguments.model.model(&campaign)?;
     spinner.set_message("fitting");
     let options = Options {
         cross_validate: false,
@@ -127,19 +121,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     write_atomically(path, |out| out.write_all(bytes.as_bytes()))
         .with_context(|| format!("{file}: cannot be written"))?;
     spinner.finish_and_clear();
-    let mut same = arguments.campaign.display().to_string();
-    if let Some(model) = &arguments.model {
-        same += &format!(" --model {}", model.display());
-    }
-    if let Some(effects) = &arguments.effects {
-        same += &format!(" --effects {effects}");
-    }
+    let same = format!(
+        "{}{}",
+        arguments.campaign.display(),
+        arguments.model.as_given()
+    );
     print(&report::text(&subject, &file, &made, &same, rigid.as_ref()))?;
-    Ok(if found.converged {
-        Outcome::Done
-    } else {
-        Outcome::Missed
-    })
+    Ok(outcome(&found))
 }
 
 /// Where the model holds what a file cannot: what the frames alone leave, and a fit of what the file can hold.
@@ -158,9 +146,10 @@ fn rigid_fit(
         model = model.without(&effect.effect);
     }
     let own = fit::fit(campaign, &model, options, |_| {})?;
-    let effects = model.terms.iter().map(|term| term.effect.id());
+    let effects = model.terms.iter().map(|term| &term.effect);
     let effects: Vec<&str> = effects
-        .filter(|id| !["tracker_frame", "target_offset"].contains(id))
+        .filter(|effect| !effect.role().is_some_and(Role::is_frame))
+        .map(|effect| effect.id())
         .collect();
     Ok(Some(report::Rigid {
         nominal: crate::export::position_error(&nominal.model, &nominal.values, &campaign.readings),

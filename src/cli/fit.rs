@@ -1,13 +1,13 @@
 //! `misfit fit`.
 
-use super::record::Record;
-use super::{Outcome, print, print_json, progress, report as pages, usage};
+use super::arguments::{Found, ModelArguments, Outputs, Written, outcome};
+use super::{Outcome, print, print_json, progress, usage};
 use crate::campaign::Campaign;
-use crate::fit::{self, Options};
+use crate::fit;
 use crate::model_file;
 use crate::report;
 use crate::report::fit::Detail;
-use crate::report::html::{Origin, Results, Step};
+use crate::report::html::{Results, Step};
 use std::path::PathBuf;
 
 /// Identify a model's parameters from a campaign: values, intervals, errors, and what cannot be seen.
@@ -20,29 +20,16 @@ use std::path::PathBuf;
 pub struct Arguments {
     /// Campaign: a .toml file with its table, or a .mcap recording.
     campaign: PathBuf,
-    /// Effects of the model, comma-separated; a leading + adds to the default (or to those of --model).
-    #[arg(long, value_name = "A,B,…", allow_hyphen_values = true)]
-    effects: Option<String>,
-    /// Model file with [[effect]] tables, values to start from or to hold; it replaces the default model.
-    #[arg(long, value_name = "M.toml")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArguments,
     /// How to estimate: weighted nonlinear least squares, or the paper's unweighted linear estimator.
     #[arg(long, value_enum, default_value_t = Method::Weighted)]
     method: Method,
-    /// Write the result as one HTML page too, with pictures.
-    #[arg(long, value_name = "FILE.html", value_parser = pages::html_path)]
-    report: Option<PathBuf>,
     #[command(flatten)]
-    record: Record,
-    /// Print the result as JSON.
-    #[arg(long)]
-    json: bool,
+    outputs: Outputs,
     /// List every geometric parameter.
     #[arg(long)]
     all: bool,
-    /// Skip the cross-validation of campaigns without held-out readings.
-    #[arg(long)]
-    no_cross_validation: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -55,24 +42,19 @@ enum Method {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let outputs = [
-        arguments.record.record.as_deref(),
-        arguments.report.as_deref(),
-    ];
-    super::writable(&outputs, &arguments.campaign, &[arguments.model.as_deref()])?;
+    let outputs = &arguments.outputs;
+    super::writable(
+        &[outputs.record.record.as_deref(), outputs.report.as_deref()],
+        &arguments.campaign,
+        &[arguments.model.model.as_deref()],
+    )?;
     let spinner = progress::spinner();
     let campaign = super::load(&arguments.campaign)?;
     if arguments.method == Method::Paper {
         return paper(arguments, &campaign);
     }
-    let model = model_file::model(
-        &campaign,
-        arguments.effects.as_deref(),
-        arguments.model.as_deref(),
-    )?;
-    let options = Options {
-        cross_validate: !arguments.no_cross_validation,
-    };
+    let model = arguments.model.model(&campaign)?;
+    let options = outputs.effort.options();
     let say = |text: &str| spinner.set_message(text.to_owned());
     let frames = model_file::frames_only(&campaign)?;
     let baseline = if frames.terms.len() < model.terms.len() {
@@ -82,39 +64,37 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     let found = fit::fit(&campaign, &model, &options, say)?;
     let path = arguments.campaign.display();
-    let of_model = arguments.model.as_ref();
-    let of_model =
-        of_model.map_or_else(String::new, |model| format!(" --model {}", model.display()));
-    let next = format!("misfit diagnose {path}{of_model}");
-    let effects = arguments.effects.as_ref();
-    let effects = effects.map_or_else(String::new, |list| format!(" --effects {list}"));
-    let quickly = pages::quickly(arguments.no_cross_validation);
-    let command = format!("misfit fit {path}{of_model}{effects}{quickly}");
+    let next = format!("misfit diagnose {path}{}", arguments.model.file_as_given());
     let document = report::json::fit(&found, baseline.as_ref());
-    let recorded = arguments.record.write(
+    let written = outputs.write(
         &campaign,
-        || report::recording::of_fit(&campaign, baseline.as_ref(), &found),
-        &found.model,
-        &document,
-        &command,
-    )?;
-    if let Some(file) = &arguments.report {
-        let origin = Origin {
-            command,
+        Found {
+            model: &found.model,
+            document: &document,
+            command: format!(
+                "misfit fit {path}{}{}",
+                arguments.model.as_given(),
+                outputs.effort.as_given()
+            ),
             next: vec![Step::new(
                 "ask which physical effect the model lacks, if any",
                 next.clone(),
             )],
-            seed: None,
-        };
-        let results = Results::Fit {
-            fit: &found,
-            baseline: baseline.as_ref(),
-        };
-        pages::write(file, &campaign, &results, &origin)?;
-    }
+            recorded: || {
+                Ok(report::recording::of_fit(
+                    &campaign,
+                    baseline.as_ref(),
+                    &found,
+                ))
+            },
+            page: Results::Fit {
+                fit: &found,
+                baseline: baseline.as_ref(),
+            },
+        },
+    )?;
     spinner.finish_and_clear();
-    if arguments.json {
+    if outputs.json {
         print_json(&document)?;
     } else {
         let detail = if arguments.all {
@@ -122,34 +102,24 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         } else {
             Detail::Usual
         };
-        let mut text = report::fit::text(&campaign, &found, baseline.as_ref(), detail);
-        if let Some(file) = &arguments.report {
-            text += &format!("{}\n", pages::line(file));
-        }
-        print(&format!("{text}{recorded}next     {next}\n"))?;
+        let text = report::fit::text(&campaign, &found, baseline.as_ref(), detail);
+        let Written { report, record } = written;
+        print(&format!("{text}{report}{record}next     {next}\n"))?;
     }
-    Ok(if found.converged {
-        Outcome::Done
-    } else {
-        Outcome::Missed
-    })
+    Ok(outcome(&found))
 }
 
 /// The paper's own estimator.
 fn paper(arguments: &Arguments, campaign: &Campaign) -> anyhow::Result<Outcome> {
-    let others = [
-        arguments.effects.is_some(),
-        arguments.model.is_some(),
-        arguments.report.is_some(),
-        arguments.record.record.is_some(),
-    ];
-    if others.contains(&true) {
+    let outputs = &arguments.outputs;
+    let written = outputs.report.is_some() || outputs.record.record.is_some();
+    if arguments.model.is_given() || written {
         return Err(usage(
             "--method paper estimates joint compliance alone; leave --effects, --model, --report and --record out",
         ));
     }
     let found = fit::paper::fit(campaign)?;
-    if arguments.json {
+    if outputs.json {
         print_json(&report::paper::document(&found))?;
     } else {
         print(&report::paper::text(campaign, &found))?;

@@ -1,5 +1,6 @@
 //! `misfit map`.
 
+use super::arguments::{ModelArguments, outcome};
 use super::{Outcome, pictures, plan, print, print_json, progress, usage};
 use crate::campaign::{Payload, RobotFile, write_atomically};
 use crate::compensation::{Reach, Robot};
@@ -11,7 +12,7 @@ use crate::scenario::mapped::{self, Maps};
 use crate::scenario::{Job, Scenario};
 use crate::setup::Setup;
 use crate::space::Space;
-use crate::{model_file, recording, report};
+use crate::{recording, report};
 use anyhow::Context;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -57,12 +58,8 @@ pub struct Arguments {
     /// Hold the orientation of the posture of reference; any will do otherwise.
     #[arg(long)]
     hold_orientation: bool,
-    /// Of a campaign: effects of the model, comma-separated; a leading + adds to the default.
-    #[arg(long, value_name = "A,B,…", allow_hyphen_values = true)]
-    effects: Option<String>,
-    /// Of a campaign: model file.
-    #[arg(long, value_name = "M.toml")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArguments,
     /// Pictures, table and points to write: STEM.svg, .png, .csv, .mcap; into a folder under the name of what is mapped.
     #[arg(short, long, value_name = "STEM")]
     output: Option<PathBuf>,
@@ -109,11 +106,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         let stem = stem(output, &arguments.spec);
         for ending in [".csv", ".mcap", ".svg", ".png"] {
             let path = pictures::with_ending(&stem, ending);
-            super::spare(&path, &arguments.spec, &[arguments.model.as_deref()])?;
+            super::spare(&path, &arguments.spec, &[arguments.model.model.as_deref()])?;
         }
     }
     if plan::is_scenario(&arguments.spec)? {
-        if arguments.effects.is_some() || arguments.model.is_some() {
+        if arguments.model.is_given() {
             return Err(usage(
                 "--effects and --model go with a campaign; a scenario names its model in [map] model",
             ));
@@ -144,8 +141,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     adjust(arguments, &mut wanted);
     let spinner = progress::spinner();
     spinner.set_message("fitting");
-    let effects = arguments.effects.as_deref();
-    let model = model_file::model(&campaign, effects, arguments.model.as_deref())?;
+    let model = arguments.model.model(&campaign)?;
     let setup = &model.setup;
     wanted.check(setup).map_err(|what| anyhow::anyhow!(what))?;
     let options = Options {
@@ -182,10 +178,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         &wanted,
         &maps,
     )?;
-    Ok(match found.converged {
-        true => Outcome::Done,
-        false => Outcome::Missed,
-    })
+    Ok(outcome(&found))
 }
 
 /// What the command line says besides.

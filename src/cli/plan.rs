@@ -1,5 +1,6 @@
 //! `misfit plan`.
 
+use super::arguments::{ModelArguments, outcome};
 use super::{Outcome, print, print_json, progress, simulate, usage};
 use crate::campaign::{Campaign, Noise, Payload, Reading, Split, render_commands};
 use crate::effects::AnyEffect;
@@ -51,12 +52,8 @@ pub struct Arguments {
     /// Tell these two effects apart.
     #[arg(long, value_name = "A,B")]
     separate: Option<String>,
-    /// Effects of the model, comma-separated; a leading + adds to the default.
-    #[arg(long, value_name = "A,B,…", allow_hyphen_values = true)]
-    effects: Option<String>,
-    /// Model file with [[effect]] tables.
-    #[arg(long, value_name = "M.toml")]
-    model: Option<PathBuf>,
+    #[command(flatten)]
+    model: ModelArguments,
     /// Limits file: joint ranges, fixed joints, forbidden postures, least height.
     #[arg(long, value_name = "LIMITS.toml")]
     limits: Option<PathBuf>,
@@ -124,7 +121,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         },
     };
     if let Some(file) = &arguments.csv {
-        let read = [arguments.model.as_deref(), arguments.limits.as_deref()];
+        let read = [
+            arguments.model.model.as_deref(),
+            arguments.limits.as_deref(),
+        ];
         super::spare(file, &arguments.spec, &read)?;
     }
     let spinner = progress::spinner();
@@ -204,10 +204,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     } else {
         print(&report::plan::text(&ground, &found))?;
     }
-    Ok(match &spec.fit {
-        Some(fit) if !fit.converged => Outcome::Missed,
-        _ => Outcome::Done,
-    })
+    Ok(spec.fit.as_ref().map_or(Outcome::Done, outcome))
 }
 
 pub(super) fn words(list: &str) -> Vec<&str> {
@@ -240,12 +237,10 @@ pub(super) fn is_scenario(path: &Path) -> anyhow::Result<bool> {
 fn of_scenario(arguments: &Arguments) -> anyhow::Result<Spec> {
     let scenario = Scenario::load(&arguments.spec)?;
     let (protocol, campaign) = planned(&scenario)?;
-    let effects = arguments.effects.as_deref();
-    let effects = match arguments.model {
-        None => effects.or(scenario.effects.as_deref()),
-        Some(_) => effects,
+    let model = match arguments.model.is_given() {
+        true => arguments.model.model(&campaign)?,
+        false => model_file::model(&campaign, &scenario.effects, None)?,
     };
-    let model = model_file::model(&campaign, effects, arguments.model.as_deref())?;
     Ok(Spec {
         values: efficiency::true_values(&scenario, &model),
         model,
@@ -262,8 +257,7 @@ fn of_scenario(arguments: &Arguments) -> anyhow::Result<Spec> {
 /// What to measure after a campaign, about its fit.
 fn of_campaign(arguments: &Arguments, say: impl Fn(&str)) -> anyhow::Result<Spec> {
     let campaign = super::load(&arguments.spec)?;
-    let effects = arguments.effects.as_deref();
-    let model = model_file::model(&campaign, effects, arguments.model.as_deref())?;
+    let model = arguments.model.model(&campaign)?;
     let options = Options {
         cross_validate: false,
     };

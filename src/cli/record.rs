@@ -23,7 +23,7 @@ impl Record {
     pub fn write(
         &self,
         campaign: &Campaign,
-        results: impl FnOnce() -> Results,
+        results: impl FnOnce() -> anyhow::Result<Results>,
         model: &Model,
         document: &impl Serialize,
         command: &str,
@@ -35,7 +35,7 @@ impl Record {
         write(
             file,
             campaign,
-            &results(),
+            &results()?,
             model,
             document,
             metadata,

@@ -1,11 +1,10 @@
 //! `misfit report`, and `--report` of the commands that have a result to show.
 
+use super::arguments::{Candidates, Effects, Effort, outcome};
 use super::{Outcome, print, progress};
 use crate::campaign::{Campaign, write_atomically};
 use crate::diagnosis::{self, Diagnosis, Verdict};
-use crate::fit::Options;
 use crate::ladder;
-use crate::model_file;
 use crate::plan::Separation;
 use crate::report::diagnosis::{rejected, words_of_verdict};
 use crate::report::format::{count, wrap};
@@ -26,18 +25,15 @@ use std::path::{Path, PathBuf};
 pub struct Arguments {
     /// Campaign: a .toml file with its table, or a .mcap recording.
     campaign: PathBuf,
-    /// Effects to go on from, comma-separated; a leading + adds to the default.
-    #[arg(long, value_name = "A,B,…", allow_hyphen_values = true)]
-    effects: Option<String>,
-    /// Model file whose [[effect]] tables are tried beside the catalogue: laws of your own.
-    #[arg(long, value_name = "M.toml")]
-    candidates: Option<PathBuf>,
+    #[command(flatten)]
+    effects: Effects,
+    #[command(flatten)]
+    candidates: Candidates,
     /// Where to write the page.
     #[arg(short, long, value_name = "FILE.html", default_value = "report.html", value_parser = html_path)]
     output: PathBuf,
-    /// Skip the cross-validation of campaigns without held-out readings.
-    #[arg(long)]
-    no_cross_validation: bool,
+    #[command(flatten)]
+    effort: Effort,
 }
 
 /// A path that a browser opens, and that nothing is read from.
@@ -51,27 +47,19 @@ pub(super) fn html_path(text: &str) -> Result<PathBuf, String> {
 
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
-    let others = [arguments.candidates.as_deref()];
+    let others = [arguments.candidates.candidates.as_deref()];
     super::writable(&[Some(&arguments.output)], &arguments.campaign, &others)?;
     let spinner = progress::spinner();
     let campaign = super::load(&arguments.campaign)?;
-    let options = Options {
-        cross_validate: !arguments.no_cross_validation,
-    };
-    let own = match &arguments.candidates {
-        Some(file) => model_file::candidates(&campaign, file)?,
-        None => Vec::new(),
-    };
-    let effects = arguments.effects.as_deref();
+    let own = arguments.candidates.load(&campaign)?;
+    let effects = arguments.effects.list()?;
+    let options = arguments.effort.options();
     let say = |text: &str| spinner.set_message(text.to_owned());
-    let ladder = ladder::climb(&campaign, effects, &own, None, &options, say)?;
+    let ladder = ladder::climb(&campaign, &effects, &own, None, &options, say)?;
     let next = next_poses(&campaign, &ladder.last);
     let path = arguments.campaign.display();
-    let effects = effects.map(|list| format!(" --effects {list}"));
-    let own = arguments.candidates.as_ref();
-    let own = own.map(|file| format!(" --candidates {}", file.display()));
-    let given = effects.unwrap_or_default() + &own.unwrap_or_default();
-    let quick = quickly(arguments.no_cross_validation);
+    let given = arguments.effects.as_given() + &arguments.candidates.as_given();
+    let quick = arguments.effort.as_given();
     let origin = Origin {
         command: format!("misfit report {path}{given}{quick}"),
         next: after_ladder(&path.to_string(), &given, &ladder.last),
@@ -100,11 +88,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         line(&arguments.output),
         commands.join("\n         ")
     ))?;
-    Ok(if ladder.last.fit.converged {
-        Outcome::Done
-    } else {
-        Outcome::Missed
-    })
+    Ok(outcome(&ladder.last.fit))
 }
 
 /// The poses that would settle an alias; a plan that cannot be made is no reason to keep the verdict back.
@@ -153,14 +137,6 @@ pub(super) fn tell_apart(a: &str, b: &str, command: String) -> Step {
         format!("measure poses that tell {a} from {b}; this lists them as a table"),
         command,
     )
-}
-
-/// The word of the command line, as it was given.
-pub(super) fn quickly(no_cross_validation: bool) -> &'static str {
-    match no_cross_validation {
-        true => " --no-cross-validation",
-        false => "",
-    }
 }
 
 /// Writes the page; an old file stays whole if it cannot be.

@@ -101,11 +101,7 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
     let campaign = simulate::campaign(scenario)?;
     let spinner = progress::spinner();
     let say = |text: &str| spinner.set_message(text.to_owned());
-    let model = model_file::model(
-        &campaign,
-        scenario.effects.as_deref(),
-        scenario.model.as_deref(),
-    )?;
+    let model = model_file::model(&campaign, &scenario.effects, scenario.model.as_deref())?;
     let options = Options {
         cross_validate: true,
     };

@@ -4,6 +4,7 @@ use crate::measured::measured;
 use misfit_campaign::Campaign;
 use misfit_cell::scenario::{Scenario, simulate::simulate};
 use misfit_core::diagnosis::{Diagnosis, POSES, Verdict, diagnose, next_poses};
+use misfit_core::effects::EffectList;
 use misfit_core::fit::Options;
 use misfit_core::ladder::{self, Ladder, Stop};
 use misfit_core::model::Model;
@@ -75,7 +76,7 @@ pub fn truth(kind: &str, values: &str) -> String {
 }
 
 pub fn found(campaign: &Campaign) -> Diagnosis {
-    let model = model_file::model(campaign, None, None).unwrap();
+    let model = model_file::model(campaign, &EffectList::DEFAULT, None).unwrap();
     diagnose(campaign, &model, &[], &QUICK, |_| {}).unwrap()
 }
 
@@ -305,7 +306,7 @@ fn the_ladder_of_a_real_robot_falls() {
     ) else {
         return;
     };
-    let found = ladder::climb(&campaign, None, &[], None, &QUICK, |_| {}).unwrap();
+    let found = ladder::climb(&campaign, &EffectList::DEFAULT, &[], None, &QUICK, |_| {}).unwrap();
     let added: Vec<&str> = found.rungs.iter().map(|r| r.added.as_str()).collect();
     assert_eq!(added[..3], ["nominal", "joint_offset", "geometry"]);
     assert!(added.contains(&"gear_ripple"), "{added:?}");
@@ -388,7 +389,7 @@ fn a_ripple_is_found_with_its_cycles() {
             reading.position += Vector3::new(0.01, 0.0, 0.0);
             campaign.readings.push(reading);
         }
-        let model = model_file::model(&campaign, None, None).unwrap();
+        let model = model_file::model(&campaign, &EffectList::DEFAULT, None).unwrap();
         let again = diagnose(&campaign, &model, &[], &QUICK, |_| {}).unwrap();
         assert_eq!(waves(&again), waves(&found));
         assert_eq!(again.fit.values, found.fit.values);
@@ -427,7 +428,7 @@ fn a_model_that_is_written_is_the_one_that_was_found() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("model.toml");
     model_file::write(&file, &found.fit.model).unwrap();
-    let model = model_file::model(&campaign, None, Some(&file)).unwrap();
+    let model = model_file::model(&campaign, &EffectList::DEFAULT, Some(&file)).unwrap();
     let ids = |model: &Model| -> Vec<String> {
         model
             .parameters()
@@ -450,7 +451,9 @@ fn a_ladder_starts_and_stops_where_it_is_told_to() {
     let campaign = campaign(&both, 2);
     let climb = |effects: Option<&str>, stop: Option<&str>| {
         let stop = stop.map(|word| Stop::parse(word).unwrap());
-        ladder::climb(&campaign, effects, &[], stop.as_ref(), &QUICK, |_| {}).unwrap()
+        let effects = effects.map(|words| EffectList::parse("test", words).unwrap());
+        let effects = effects.unwrap_or(EffectList::DEFAULT);
+        ladder::climb(&campaign, &effects, &[], stop.as_ref(), &QUICK, |_| {}).unwrap()
     };
     let added = |ladder: &Ladder| -> Vec<String> {
         ladder.rungs.iter().map(|rung| rung.added.clone()).collect()
@@ -502,7 +505,7 @@ fn the_ladder_of_the_other_real_series_falls_too() {
     let Some(campaign) = ur10(test, "series_D.toml") else {
         return;
     };
-    let found = ladder::climb(&campaign, None, &[], None, &QUICK, |_| {}).unwrap();
+    let found = ladder::climb(&campaign, &EffectList::DEFAULT, &[], None, &QUICK, |_| {}).unwrap();
     assert_eq!(found.last.named[0], "gear_ripple");
     let last = found.rungs[found.rungs.len() - 1].heldout.unwrap();
     assert!(last.position_rms_m < 0.25e-3, "{last:?}");

@@ -9,7 +9,7 @@ use misfit_cell::scenario::design::DesignLoad;
 use misfit_cell::scenario::efficiency::{study, true_values};
 use misfit_cell::scenario::expect::{check_fit, compare};
 use misfit_cell::scenario::simulate::simulate;
-use misfit_core::effects::{CATALOGUE, Need};
+use misfit_core::effects::{CATALOGUE, EffectList, Need, Role};
 use misfit_core::fit::solve::{Linear, Problem, reduce, solve};
 use misfit_core::fit::{
     CampaignProblem, Errors, FOLDS, Fit, HeldoutBy, Options, Status, fit, folds, noise,
@@ -23,7 +23,7 @@ fn scenario(name: &str) -> Scenario {
     Scenario::load(&file(&format!("scenarios/{name}.toml"))).unwrap()
 }
 
-fn fitted(campaign: &Campaign, effects: Option<&str>) -> Fit {
+fn fitted(campaign: &Campaign, effects: &EffectList) -> Fit {
     let model = model_file::model(campaign, effects, None).unwrap();
     let options = Options {
         cross_validate: false,
@@ -53,7 +53,7 @@ static ONE_ARM: LazyLock<(Scenario, Campaign, Fit)> = LazyLock::new(|| {
     scenario.design.poses = 15;
     scenario.design.repeats = 1;
     let campaign = simulate(&scenario, || {}).unwrap();
-    let fit = fitted(&campaign, None);
+    let fit = fitted(&campaign, &EffectList::DEFAULT);
     assert!(fit.converged);
     assert_eq!(springs(&fit).len(), 7, "all but the torso's");
     (scenario, campaign, fit)
@@ -65,7 +65,7 @@ mod scenarios {
     fn assert_expectations_met(name: &str) {
         let scenario = scenario(name);
         let campaign = simulate(&scenario, || {}).unwrap();
-        let model = model_file::model(&campaign, scenario.effects.as_deref(), None).unwrap();
+        let model = model_file::model(&campaign, &scenario.effects, None).unwrap();
         let options = Options {
             cross_validate: scenario.expect.heldout_position_rms_mm.is_some(),
         };
@@ -158,7 +158,7 @@ fn with_repeats() -> (Campaign, Fit) {
     let mut campaign = simulate(&scenario, || {}).unwrap();
     let order = |r: &Reading| (r.pose.clone(), r.payload.map(|p| p.mass.to_bits()), r.line);
     campaign.readings.sort_by_key(order);
-    let fit = fitted(&campaign, None);
+    let fit = fitted(&campaign, &EffectList::DEFAULT);
     assert!(fit.converged);
     (campaign, fit)
 }
@@ -242,7 +242,7 @@ fn poses_left_out_of_many_are_predicted_as_by_fits_without_them() {
     scenario.design.poses = 600;
     scenario.design.repeats = 1;
     let campaign = simulate(&scenario, || {}).unwrap();
-    let model = model_file::model(&campaign, None, None).unwrap();
+    let model = model_file::model(&campaign, &EffectList::DEFAULT, None).unwrap();
     let options = Options {
         cross_validate: true,
     };
@@ -260,7 +260,7 @@ fn poses_left_out_of_many_are_predicted_as_by_fits_without_them() {
                     reading.split = Split::Heldout;
                 }
             }
-            let fit = fitted(&without, None);
+            let fit = fitted(&without, &EffectList::DEFAULT);
             (fit.readings.1 as f64, fit.heldout.unwrap())
         })
         .collect();
@@ -345,7 +345,7 @@ mod does_not_matter {
             joint: 1e-5,
             ..noise::isotropic(1.5e-5, 8.7e-5)
         });
-        let before = springs(&fitted(&here, None));
+        let before = springs(&fitted(&here, &EffectList::DEFAULT));
         for seed in 0..3 {
             let there_from_here = motion(&mut random(seed));
             let mut there = here.clone();
@@ -354,7 +354,7 @@ mod does_not_matter {
                 reading.position = (there_from_here * position).coords;
                 reading.orientation = reading.orientation.map(|o| there_from_here.rotation * o);
             }
-            let found = fitted(&there, None);
+            let found = fitted(&there, &EffectList::DEFAULT);
             assert!(found.converged);
             let after = springs(&found);
             assert_eq!(before.len(), after.len());
@@ -373,7 +373,7 @@ mod does_not_matter {
         let mut shuffled = campaign.clone();
         use rand::seq::SliceRandom;
         shuffled.readings.shuffle(&mut random(5));
-        let other = fitted(&shuffled, None);
+        let other = fitted(&shuffled, &EffectList::DEFAULT);
         for ((k, a, _), (_, b, _)) in springs(fit).iter().zip(&springs(&other)) {
             // sums in another order, and one Newton step from the same basin
             assert!(
@@ -395,7 +395,7 @@ mod does_not_matter {
                 .unwrap();
             let (again, other) = pool.install(|| {
                 let again = simulate(scenario, || {}).unwrap();
-                let fit = fitted(&again, None);
+                let fit = fitted(&again, &EffectList::DEFAULT);
                 (again, fit)
             });
             assert_eq!(again.readings, campaign.readings, "{threads} threads");
@@ -552,7 +552,7 @@ mod cannot_be_seen {
         for count in [1, 2, 3, 10] {
             let mut few = whole.clone();
             few.readings.truncate(count);
-            let found = fitted(&few, None);
+            let found = fitted(&few, &EffectList::DEFAULT);
             assert!(
                 found.values.iter().all(|x| x.is_finite()),
                 "{count} readings"
@@ -597,7 +597,7 @@ mod cannot_be_seen {
                 com: Vector3::from(com),
                 pull: Vector3::zeros(),
             };
-            let found = fitted(&simulate(&scenario, || {}).unwrap(), None);
+            let found = fitted(&simulate(&scenario, || {}).unwrap(), &EffectList::DEFAULT);
             assert_eq!(
                 status(&found, "joint_compliance", "torso"),
                 Status::Unobservable
@@ -631,7 +631,7 @@ mod cannot_be_seen {
         scenario
             .truth
             .retain(|truth| truth.effect.id() != "geometry");
-        scenario.effects = Some("joint_compliance".to_owned());
+        scenario.effects = EffectList::only(Role::Spring);
         scenario.design.poses = 15;
         for (com, expected) in [
             ([0.0, 0.0, 0.05], Status::Unobservable),
@@ -639,7 +639,7 @@ mod cannot_be_seen {
         ] {
             scenario.design.loads[1].com = Vector3::from(com);
             let campaign = simulate(&scenario, || {}).unwrap();
-            let found = fitted(&campaign, scenario.effects.as_deref());
+            let found = fitted(&campaign, &scenario.effects);
             assert_eq!(
                 status(&found, "joint_compliance", "r1_t"),
                 expected,
@@ -663,7 +663,10 @@ mod cannot_be_seen {
         for seed in 0..3 {
             scenario.seed = seed;
             let campaign = simulate(&scenario, || {}).unwrap();
-            let found = fitted(&campaign, Some("joint_offset,joint_compliance"));
+            let found = fitted(
+                &campaign,
+                &EffectList::parse("test", "joint_offset,joint_compliance").unwrap(),
+            );
             assert!(found.fit.whitened_rms > 10.0, "{}", found.fit.whitened_rms);
             // fewer than ten are taken; a fit that creeps takes all fifty
             assert!(
@@ -686,7 +689,7 @@ mod cannot_be_seen {
             pull: Vector3::new(20.0, 0.0, 0.0),
         });
         let campaign = simulate(&scenario, || {}).unwrap();
-        let found = fitted(&campaign, None);
+        let found = fitted(&campaign, &EffectList::DEFAULT);
         assert!(found.converged);
         let truth = true_values(&scenario, &found.model);
         let index = found.index("joint_compliance", "torso").unwrap();
@@ -707,7 +710,7 @@ mod ur10 {
     use crate::measured::measured;
 
     fn heldout(campaign: &Campaign, effects: &str) -> f64 {
-        let found = fitted(campaign, Some(effects));
+        let found = fitted(campaign, &EffectList::parse("test", effects).unwrap());
         assert!(found.converged);
         assert_eq!(found.readings.1, heldout_count(campaign));
         found.heldout.unwrap().position_rms_m * 1e3

@@ -3,6 +3,7 @@
 use crate::common::file;
 use misfit_campaign::Campaign;
 use misfit_cell::scenario::{Scenario, simulate::simulate};
+use misfit_core::effects::EffectList;
 use misfit_core::fit::{self, Options, Status};
 use misfit_core::model_file;
 use std::fs;
@@ -160,7 +161,7 @@ fn springs_of_robots_of_every_kind_come_back() {
     let mut inside = Vec::new();
     for kind in &KINDS {
         let campaign = measured(kind);
-        let model = model_file::model(&campaign, None, None).unwrap();
+        let model = model_file::model(&campaign, &EffectList::DEFAULT, None).unwrap();
         let found = fit::fit(&campaign, &model, &options, |_| {}).unwrap();
         assert!(found.converged, "{}", kind.name);
         // poses that were not fitted are predicted to the noise

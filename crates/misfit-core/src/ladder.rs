@@ -6,11 +6,14 @@
 
 use crate::campaign::Campaign;
 use crate::diagnosis::{self, Diagnosis};
-use crate::effects::AnyEffect;
+use crate::effects::{AnyEffect, Base, EffectList, Role};
 use crate::fit::noise::Source;
 use crate::fit::{self, Errors, Fit, FitError, Options};
 use crate::model_file::{self, ModelError};
 use std::sync::Arc;
+
+/// The first rung: the frames alone.
+const NOMINAL: &str = "nominal";
 
 /// One rung.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -81,7 +84,7 @@ impl Stop {
                 refuse()
             };
         }
-        if word == "nominal" || crate::effects::find(word).is_some() {
+        if word == NOMINAL || crate::effects::find(word).is_some() {
             return Ok(Stop::Effect(word.to_owned()));
         }
         let units = [("mm", 1e-3), ("um", 1e-6), ("µm", 1e-6), ("m", 1.0)];
@@ -134,14 +137,14 @@ pub enum LadderError {
     Fit(#[from] FitError),
 }
 
-/// Climbs the ladder of a campaign. `effects` is the word list of `--effects`: the ladder goes on from there. `own` are
+/// Climbs the ladder of a campaign. The ladder goes on from the model of `effects`. `own` are
 /// effects of the user's own to be tried beside the catalogue.
 ///
 /// # Errors
 /// If a model or a fit cannot be made.
 pub fn climb(
     campaign: &Campaign,
-    effects: Option<&str>,
+    effects: &EffectList,
     own: &[Arc<dyn AnyEffect>],
     stop: Option<&Stop>,
     options: &Options,
@@ -152,17 +155,18 @@ pub fn climb(
     };
     let start = model_file::model(campaign, effects, None)?;
     diagnosis::check(campaign, &start, own)?;
-    let default = model_file::model(campaign, None, None)?;
+    let default = model_file::model(campaign, &EffectList::DEFAULT, None)?;
     let mut steps: Vec<(String, Fit)> = Vec::new();
     // joint_offset is part of geometry: a rung of its own, then replaced
-    let mut low = vec![("nominal", "")];
-    if effects.is_none_or(|list| list.starts_with('+')) {
-        low.extend([("joint_offset", "joint_offset"), ("geometry", "geometry")]);
+    let mut low = vec![(NOMINAL, EffectList::FRAMES)];
+    if effects.base == Base::Default {
+        let rungs = [Role::Offset, Role::Geometry];
+        low.extend(rungs.map(|role| (role.id(), EffectList::only(role))));
     }
     let mut stopped = false;
     for (name, list) in low {
         on_step(name);
-        let model = model_file::model(campaign, Some(list), None)?;
+        let model = model_file::model(campaign, &list, None)?;
         steps.push((
             name.to_owned(),
             fit::fit(campaign, &model, options, |_| {})?,
@@ -176,18 +180,19 @@ pub fn climb(
     // where the ladder goes on from, if not from the last rung
     let mut above: Option<String> = None;
     if !stopped {
-        let words = effects.map_or("", |list| list.trim_start_matches('+'));
-        let words = words.replace(',', " + ");
-        if effects.is_none_or(|list| list.starts_with('+')) && default.has("joint_compliance") {
-            above = Some("joint_compliance".to_owned());
-            if effects.is_some() {
-                on_step("joint_compliance");
+        let ids: Vec<&str> = effects.effects.iter().map(|entry| entry.id).collect();
+        let words = ids.join(" + ");
+        let springs = Role::Spring.id();
+        if effects.base == Base::Default && default.has(springs) {
+            above = Some(springs.to_owned());
+            if !effects.is_default() {
+                on_step(springs);
                 let fit = fit::fit(campaign, &default, options, |_| {})?;
-                stopped = enough("joint_compliance", steps.len() + 1, &fit);
-                steps.push(("joint_compliance".to_owned(), fit));
+                stopped = enough(springs, steps.len() + 1, &fit);
+                steps.push((springs.to_owned(), fit));
                 above = (!stopped).then_some(words);
             }
-        } else if effects.is_some() {
+        } else if !effects.is_default() {
             above = Some(words);
         }
     }

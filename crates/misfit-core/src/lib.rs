@@ -19,11 +19,11 @@
 //! A table of readings and a URDF, and the cause by its name:
 //!
 //! ```
-//! use misfit_core::{Campaign, Options, Verdict, diagnose, fit, model_file};
+//! use misfit_core::{Campaign, EffectList, Options, Verdict, diagnose, fit, model_file};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
 //! let campaign = Campaign::load("../../docs/example/arm.toml".as_ref())?;
-//! let model = model_file::model(&campaign, None, None)?;
+//! let model = model_file::model(&campaign, &EffectList::DEFAULT, None)?;
 //! let options = Options { cross_validate: true };
 //!
 //! let found = fit(&campaign, &model, &options, |_| {})?;
@@ -70,7 +70,7 @@ use misfit_campaign::{self as campaign, setup, space};
 use misfit_truth as plant;
 
 pub use diagnosis::{Diagnosis, Verdict, diagnose};
-pub use effects::{CATALOGUE, Effect};
+pub use effects::{CATALOGUE, Effect, EffectList};
 pub use fit::{Fit, Options, fit};
 pub use ladder::climb;
 pub use misfit_arm::robot::Robot;

@@ -1,8 +1,8 @@
-//! Which effects a model holds: the default, a list of names, or a model file.
+//! Which effects a model holds: the default, a list, or a model file.
 
 use crate::campaign::{Campaign, Frame, write_atomically};
 use crate::effects::table::{Choice, TableError, check_count, unique};
-use crate::effects::{AnyEffect, CATALOGUE};
+use crate::effects::{AnyEffect, Base, CATALOGUE, EffectList, Role};
 use crate::input::{self, InputError, LARGEST_TOML};
 use crate::model::Model;
 use crate::setup::Setup;
@@ -51,19 +51,18 @@ pub enum ModelError {
     Table(#[from] TableError),
 }
 
-/// Named in errors about words on the command line.
+/// Named in errors about effects of the list.
 const ORIGIN: &str = "--effects";
 
-/// Builds the model for a campaign.
+/// Builds the model for a campaign: the effects listed, beside those of a model file if there is one.
 ///
-/// `names` is the word list of `--effects` (a leading `+` adds to the default), `file` that of `--model`.
 /// Frames that the campaign does not know are always in the model; those it knows are held.
 ///
 /// # Errors
-/// For unknown effects or parameters and for files that cannot be read.
+/// For effects or parameters that do not fit, and for files that cannot be read.
 pub fn model(
     campaign: &Campaign,
-    names: Option<&str>,
+    effects: &EffectList,
     file: Option<&Path>,
 ) -> Result<Model, ModelError> {
     let setup = Setup::of(campaign);
@@ -71,19 +70,12 @@ pub fn model(
         Some(file) => read(file, campaign)?,
         None => Vec::new(),
     };
-    let (add, names) = match names {
-        Some(names) => (names.starts_with('+'), names),
-        None => (true, ""),
-    };
     let mut wanted: Vec<&str> = Vec::new();
-    if add && file.is_none() {
-        wanted.extend(default_effects(campaign, &setup));
+    if effects.base == Base::Default && file.is_none() {
+        wanted.extend(default_effects(campaign, &setup).map(Role::id));
     }
-    let listed = names
-        .split(',')
-        .map(|name| name.trim().trim_start_matches('+'));
-    wanted.extend(listed.filter(|name| !name.is_empty()));
-    for frame in frames(campaign) {
+    wanted.extend(effects.effects.iter().map(|entry| entry.id));
+    for frame in frames(campaign).map(Role::id) {
         let chosen = choices.iter().any(|choice| choice.effect.id() == frame);
         if !chosen && !wanted.contains(&frame) {
             wanted.push(frame);
@@ -120,25 +112,24 @@ pub fn model(
 /// # Errors
 /// Never for a campaign that was read; the type is that of [`model`].
 pub fn frames_only(campaign: &Campaign) -> Result<Model, ModelError> {
-    model(campaign, Some(""), None)
+    model(campaign, &EffectList::FRAMES, None)
 }
 
-/// Frame effects that the campaign needs: to estimate what it does not know, to hold what it does.
-fn frames(campaign: &Campaign) -> Vec<&'static str> {
+/// Frames that the campaign needs: to estimate what it does not know, to hold what it does.
+fn frames(campaign: &Campaign) -> impl Iterator<Item = Role> {
     let identity = nalgebra::Isometry3::identity();
     let neutral = |frame: &Frame| matches!(frame, Frame::Known(pose) if *pose == identity);
-    let mut frames = Vec::new();
-    if !neutral(&campaign.base_from_tracker) {
-        frames.push("tracker_frame");
-    }
-    if !campaign.link_from_target.iter().all(neutral) {
-        frames.push("target_offset");
-    }
-    frames
+    let tracker = !neutral(&campaign.base_from_tracker);
+    let targets = !campaign.link_from_target.iter().all(neutral);
+    let frames = [
+        tracker.then_some(Role::TrackerFrame),
+        targets.then_some(Role::TargetFrame),
+    ];
+    frames.into_iter().flatten()
 }
 
 /// The default: frames, geometry, and joint compliance where something loads the joints.
-fn default_effects(campaign: &Campaign, setup: &Setup) -> Vec<&'static str> {
+fn default_effects(campaign: &Campaign, setup: &Setup) -> impl Iterator<Item = Role> {
     let heavy = setup
         .robot
         .bodies
@@ -148,12 +139,8 @@ fn default_effects(campaign: &Campaign, setup: &Setup) -> Vec<&'static str> {
     let loaded = campaign.readings.iter().any(|reading| {
         reading.payload.is_some_and(|payload| payload.mass > 0.0) || reading.wrench.is_some()
     });
-    let mut list = frames(campaign);
-    list.push("geometry");
-    if heavy || loaded {
-        list.push("joint_compliance");
-    }
-    list
+    let springs = (heavy || loaded).then_some(Role::Spring);
+    frames(campaign).chain([Role::Geometry]).chain(springs)
 }
 
 /// Effects of a model file to be tried beside the catalogue. What it holds and its values are of no account.

@@ -4,8 +4,9 @@ use super::format::{angle, count, length, number, significant, wrap};
 use super::json::NoiseDocument;
 use misfit_arm::robot::JointKind;
 use misfit_campaign::Campaign;
-use misfit_core::diagnosis::ripple::{self, Wave};
+use misfit_core::diagnosis::ripple::Wave;
 use misfit_core::diagnosis::{Candidate, CannotSee, Diagnosis, Power, Verdict};
+use misfit_core::effects::Role;
 use misfit_core::fit::Errors;
 use misfit_core::plan::{Outlook, Separation};
 use serde::Serialize;
@@ -324,7 +325,7 @@ fn answer(diagnosis: &Diagnosis) -> String {
                     )
                 });
                 let _ = writeln!(out, "missing  {effect}{found}");
-                if *effect == ripple::EFFECT {
+                if *effect == Role::Ripple.id() {
                     out.push_str(&waves(&diagnosis.waves));
                 } else if let Some(term) = diagnosis.fit.model.term(effect)
                     && !term.effect.options().is_empty()
@@ -352,7 +353,7 @@ fn answer(diagnosis: &Diagnosis) -> String {
                 diagnosis.effects.join(", ")
             );
             let _ = writeln!(out, "{}", wrap(&line, 9));
-            if diagnosis.named == [ripple::EFFECT] {
+            if diagnosis.named == [Role::Ripple.id()] {
                 out.push_str(&waves(&diagnosis.waves));
             }
             fall(&mut out);

@@ -2,6 +2,7 @@
 
 use super::format::{angle, count, length, number, render, significant, table, wrap};
 use misfit_campaign::Campaign;
+use misfit_core::effects::Role;
 use misfit_core::fit::noise::Source;
 use misfit_core::fit::{Errors, Fit, HeldoutBy, Status};
 use std::fmt::Write;
@@ -147,7 +148,8 @@ fn parameter_tables(fit: &Fit, all: bool) -> String {
     for term in &fit.model.terms {
         let range = term.first..term.first + term.parameters.len();
         let id = term.effect.id();
-        if id == "geometry" && !all {
+        let role = term.effect.role();
+        if role == Some(Role::Geometry) && !all {
             let estimated = range
                 .clone()
                 .filter(|&k| fit.status[k] == Status::Estimated)
@@ -157,7 +159,7 @@ fn parameter_tables(fit: &Fit, all: bool) -> String {
                 "\n{}",
                 wrap(
                     &format!(
-                        " geometry · {} parameters, {estimated} identified one by one, the others only \
+                        " {id} · {} parameters, {estimated} identified one by one, the others only \
                          in combination (--all lists them)",
                         range.len()
                     ),
@@ -166,7 +168,7 @@ fn parameter_tables(fit: &Fit, all: bool) -> String {
             );
             continue;
         }
-        let compliance = id == "joint_compliance";
+        let compliance = role == Some(Role::Spring);
         let revolute = term.parameters.iter().all(|p| p.unit == "rad/(N·m)");
         let mut rows = if compliance {
             table(
@@ -254,25 +256,24 @@ pub(super) fn stiffness(c: f64, half: Option<f64>, unit: &str) -> (String, Strin
 
 /// Pairs that are known together much better than apart; geometry and frames, redundant by nature, are left out.
 fn correlation_lines(fit: &Fit) -> String {
-    /// From this size on.
-    const STRONG: f64 = 0.9;
-    /// Lines at most.
-    const MOST: usize = 5;
+    /// Absolute correlation from which on a pair is listed.
+    const MIN_CORRELATION: f64 = 0.9;
+    /// Pairs listed.
+    const MAX_PAIRS: usize = 5;
     let parameters: Vec<_> = fit.model.parameters().collect();
-    let redundant = ["geometry", "tracker_frame", "target_offset"];
-    let own = |k: usize| !redundant.contains(&parameters[k].0);
-    let pairs = fit.correlations(STRONG).into_iter();
+    let own = |k: usize| !parameters[k].1.role.is_some_and(Role::is_redundant);
+    let pairs = fit.correlations(MIN_CORRELATION).into_iter();
     let pairs: Vec<_> = pairs.filter(|&(a, b, _)| own(a) && own(b)).collect();
     if pairs.is_empty() {
         return String::new();
     }
     let mut out = "\ncorrelated: known together better than apart\n".to_owned();
-    for &(a, b, value) in pairs.iter().take(MOST) {
+    for &(a, b, value) in pairs.iter().take(MAX_PAIRS) {
         let name = |k: usize| format!("{}.{}", parameters[k].0, parameters[k].1.name);
         let _ = writeln!(out, "  {} and {}  {value:+.2}", name(a), name(b));
     }
-    if pairs.len() > MOST {
-        let _ = writeln!(out, "  and {} pairs more", pairs.len() - MOST);
+    if pairs.len() > MAX_PAIRS {
+        let _ = writeln!(out, "  and {} pairs more", pairs.len() - MAX_PAIRS);
     }
     out
 }

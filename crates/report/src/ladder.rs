@@ -6,7 +6,8 @@ use super::diagnosis::{
 };
 use super::format::{angle, length, number, render, table, wrap};
 use misfit_campaign::Campaign;
-use misfit_core::diagnosis::{Verdict, ripple};
+use misfit_core::diagnosis::Verdict;
+use misfit_core::effects::Role;
 use misfit_core::ladder::{Ladder, LeftOut, Rung};
 use serde::Serialize;
 use std::fmt::Write;
@@ -82,8 +83,13 @@ pub fn text(campaign: &Campaign, ladder: &Ladder) -> String {
         None => "noise    its size is not known: no repeats, none in the campaign file".to_owned(),
     };
     let mut out = format!("{}\n\n{}\n\n{floor}\n", wrap(&title, 9), render(&rows));
-    if ladder.last.named.iter().any(|id| id == ripple::EFFECT) {
-        let _ = write!(out, "\n{}\n{}", ripple::EFFECT, waves(&ladder.last.waves));
+    if ladder.last.named.iter().any(|id| id == Role::Ripple.id()) {
+        let _ = write!(
+            out,
+            "\n{}\n{}",
+            Role::Ripple.id(),
+            waves(&ladder.last.waves)
+        );
     }
     if !ladder.left_out.is_empty() {
         let _ = write!(out, "\n{}\n", without(ladder));

@@ -2,6 +2,7 @@
 
 use super::format::{length, number, render, table, wrap};
 use misfit_campaign::Campaign;
+use misfit_core::effects::Role;
 use misfit_core::fit::paper::PaperFit;
 use serde::Serialize;
 use std::fmt::Write;
@@ -37,7 +38,7 @@ pub fn document(fit: &PaperFit) -> PaperDocument {
             .joints
             .iter()
             .map(|joint| Row {
-                effect: "joint_compliance",
+                effect: Role::Spring.id(),
                 name: joint.name.clone(),
                 unit: "rad/(N·m)",
                 value: joint.compliance,
@@ -70,7 +71,7 @@ pub fn text(campaign: &Campaign, fit: &PaperFit) -> String {
         length(fit.position_rms)
     );
     let mut rows = table(
-        &["joint_compliance", "c (1e-6)", "± 1 σ", "K = 1/c", "status"],
+        &[Role::Spring.id(), "c (1e-6)", "± 1 σ", "K = 1/c", "status"],
         &[1, 2, 3],
     );
     for joint in &fit.joints {

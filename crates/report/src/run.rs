@@ -11,6 +11,7 @@ use misfit_cell::scenario::Scenario;
 use misfit_cell::scenario::efficiency::{Bound, Study};
 use misfit_cell::scenario::expect::{Check, Comparison};
 use misfit_cell::scenario::workspace::Survey;
+use misfit_core::effects::Role;
 use misfit_core::fit::Status;
 use misfit_core::fit::paper::PaperFit;
 use serde::Serialize;
@@ -146,7 +147,7 @@ pub fn study_document(study: &Study) -> StudyDocument {
 pub fn springs(compared: &[Comparison], quantile: f64, paper: Option<&PaperFit>) -> String {
     let springs: Vec<&Comparison> = compared
         .iter()
-        .filter(|row| row.effect == "joint_compliance")
+        .filter(|row| row.effect == Role::Spring.id())
         .collect();
     if springs.is_empty() {
         return String::new();

@@ -1,16 +1,7 @@
 //! The `[blind]` table of a scenario: how many cases of which kind, and what they must show.
 
-use crate::effects::{CATALOGUE, find};
+use crate::effects::{CATALOGUE, Entry, Role};
 use serde::Deserialize;
-
-/// Effects of every base model: never hidden.
-const BASE: [&str; 5] = [
-    "tracker_frame",
-    "target_offset",
-    "joint_offset",
-    "geometry",
-    "joint_compliance",
-];
 
 /// What a sweep must show: shares from 0 to 1, all optional.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize)]
@@ -141,7 +132,7 @@ impl Blind {
             ));
         }
         for name in self.families.iter().flatten() {
-            if find(name).is_none() || BASE.contains(&name.as_str()) {
+            if !hideable().contains(&name.as_str()) {
                 return Err(format!(
                     "[blind] families names \"{name}\"; accepted: {}",
                     hideable().join(", ")
@@ -171,9 +162,12 @@ impl Blind {
 }
 
 fn hideable() -> Vec<&'static str> {
-    // what needs options has no form of its own
-    let entries = CATALOGUE
+    // what needs options has no form of its own, and what every base model holds is not hidden
+    let hides =
+        |entry: &&Entry| !entry.role.is_some_and(Role::is_of_base_model) && !entry.needs_options();
+    CATALOGUE
         .iter()
-        .filter(|entry| !BASE.contains(&entry.id) && entry.make(toml::Table::new()).is_ok());
-    entries.map(|entry| entry.id).collect()
+        .filter(hides)
+        .map(|entry| entry.id)
+        .collect()
 }

@@ -8,6 +8,7 @@ use super::design::{DesignLoad, random_posture, stream};
 use super::{Scenario, ScenarioError, efficiency::true_values, simulate};
 use crate::campaign::{Campaign, Payload, Reading};
 use crate::compensation::{End, Reach, Robot, correct, error};
+use crate::effects::EffectList;
 use crate::fit::{Fit, Options, fit};
 use crate::model::{Model, Prediction, Workspace};
 use crate::model_file;
@@ -242,12 +243,13 @@ pub(super) fn learn(
         file: scenario.file.clone(),
         message: format!("{key}: {name}: {message}"),
     };
-    let words = match name {
-        "default" => None,
-        "true" => Some(truth_words(scenario)),
-        words => Some(words.to_owned()),
+    let list = match name {
+        "default" => Ok(EffectList::DEFAULT),
+        "true" => EffectList::parse("--effects", &truth_words(scenario)),
+        words => EffectList::parse("--effects", words),
     };
-    let model = model_file::model(campaign, words.as_deref(), None);
+    let list = list.map_err(|error| form(error.to_string()))?;
+    let model = model_file::model(campaign, &list, None);
     let model = model.map_err(|error| form(error.to_string()))?;
     if name == "true" {
         let values = true_values(scenario, &model);

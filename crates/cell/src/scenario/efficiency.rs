@@ -7,6 +7,7 @@
 
 use super::{Scenario, ScenarioError, simulate};
 use crate::campaign::{Campaign, Split};
+use crate::effects::{Parameter, Role};
 use crate::fit::solve::Problem;
 use crate::fit::{CampaignProblem, Options, Status, fit, noise, paper, solve::Spectrum};
 use crate::model::Model;
@@ -163,12 +164,8 @@ fn run(scenario: &Scenario) -> Result<(bool, Vec<Outcome>), ScenarioError> {
         message,
     };
     let campaign = simulate::simulate(scenario, || {})?;
-    let model = model_file::model(
-        &campaign,
-        scenario.effects.as_deref(),
-        scenario.model.as_deref(),
-    )
-    .map_err(|error| form(error.to_string()))?;
+    let model = model_file::model(&campaign, &scenario.effects, scenario.model.as_deref())
+        .map_err(|error| form(error.to_string()))?;
     let options = Options {
         cross_validate: false,
     };
@@ -177,18 +174,20 @@ fn run(scenario: &Scenario) -> Result<(bool, Vec<Outcome>), ScenarioError> {
     let truth = true_values(scenario, &model);
     let spectrum = information(scenario, &campaign, &model, &found.free);
     let quantile = found.quantile();
+    let parameters: Vec<&Parameter> = model.parameters().map(|(_, p)| p).collect();
     let mut rows = Vec::new();
     for (column, &index) in found.free.iter().enumerate() {
-        let Some(("joint_compliance", parameter)) = model.parameters().nth(index) else {
-            continue;
-        };
-        if found.status[index] == Status::Unobservable {
+        let parameter = parameters[index];
+        if parameter.role != Some(Role::Spring) || found.status[index] == Status::Unobservable {
             continue;
         }
         let bound = spectrum.deviation(column) * parameter.typical;
         let error = found.values[index] - truth[index];
         let by_paper = paper.as_ref().and_then(|paper| {
-            let joint = paper.joints.iter().find(|j| j.name == parameter.name)?;
+            let joint = paper
+                .joints
+                .iter()
+                .find(|j| Some(j.joint) == parameter.joint())?;
             Some((joint.compliance? - truth[index]) / bound)
         });
         rows.push(Outcome {
@@ -234,15 +233,11 @@ pub struct Bound {
 /// If the plant or the model cannot be built.
 pub fn bounds(scenario: &Scenario) -> Result<Vec<Bound>, ScenarioError> {
     let campaign = simulate::simulate(scenario, || {})?;
-    let model = model_file::model(
-        &campaign,
-        scenario.effects.as_deref(),
-        scenario.model.as_deref(),
-    )
-    .map_err(|error| ScenarioError::Form {
-        file: scenario.file.clone(),
-        message: error.to_string(),
-    })?;
+    let model = model_file::model(&campaign, &scenario.effects, scenario.model.as_deref())
+        .map_err(|error| ScenarioError::Form {
+            file: scenario.file.clone(),
+            message: error.to_string(),
+        })?;
     let truth = true_values(scenario, &model);
     let parameters: Vec<_> = model.parameters().collect();
     let free: Vec<usize> = (0..parameters.len())
@@ -250,7 +245,7 @@ pub fn bounds(scenario: &Scenario) -> Result<Vec<Bound>, ScenarioError> {
         .collect();
     let spectrum = information(scenario, &campaign, &model, &free);
     let columns = free.iter().enumerate();
-    let compliances = columns.filter(|(_, k)| parameters[**k].0 == "joint_compliance");
+    let compliances = columns.filter(|(_, k)| parameters[**k].1.role == Some(Role::Spring));
     Ok(compliances
         .map(|(column, &k)| Bound {
             name: parameters[k].1.name.clone(),

@@ -19,7 +19,7 @@ pub mod workspace;
 pub use planned::planned;
 
 use crate::campaign::{Frame, Noise, RobotFile};
-use crate::effects::AnyEffect;
+use crate::effects::{AnyEffect, EffectList};
 use crate::scenario::blind::Blind;
 use crate::setup::Setup;
 use design::Design;
@@ -66,8 +66,8 @@ pub struct Scenario {
     pub link_from_target: Vec<Frame>,
     /// Poses, loads, directions, repeats.
     pub design: Design,
-    /// Words as for `--effects`; the default model if none.
-    pub effects: Option<String>,
+    /// Effects of the model.
+    pub effects: EffectList,
     /// Model file as for `--model`, if one is named.
     pub model: Option<PathBuf>,
     /// What it does beside simulating.

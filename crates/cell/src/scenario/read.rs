@@ -9,6 +9,7 @@ use super::workspace::Workspace;
 use super::{Job, Scenario, ScenarioError, Truth, presets};
 use crate::campaign::{Document, Noise, RobotFile};
 use crate::effects::table::{Choice, TableError, check_count, unique};
+use crate::effects::{EffectList, Role};
 use crate::input::{self, LARGEST_TOML, MOST_READINGS};
 use crate::robot::{Robot, RobotError};
 use crate::scenario::blind::Blind;
@@ -241,7 +242,10 @@ impl Scenario {
             base_from_tracker: settings.base_from_tracker,
             link_from_target: settings.link_from_target,
             design,
-            effects: own.effects.map(|names| names.join(",")),
+            effects: match own.effects {
+                Some(words) => EffectList::parse(&file, &words.join(","))?,
+                None => EffectList::DEFAULT,
+            },
             model: own.model.map(|model| folder.join(model)),
             job,
             compare_paper: own.compare_paper,
@@ -502,17 +506,18 @@ pub(super) fn truths(
         let choice = Choice::parse(file, &place, table)?;
         let mut parameters = choice.effect.parameters(setup);
         if let Some(name) = &preset {
-            if choice.effect.id() != "joint_compliance" {
+            if choice.effect.role() != Some(Role::Spring) {
                 return Err(form(format!(
-                    "{place}: presets are for joint_compliance, not {}",
+                    "{place}: presets are for {}, not {}",
+                    Role::Spring.id(),
                     choice.effect.id()
                 )));
             }
             let stiffness = presets::stiffness(name, exponent, setup)
                 .map_err(|e| form(format!("{place}: {e}")))?;
             for (joint, stiffness) in stiffness {
-                let name = &setup.robot.joints[joint].name;
-                if let Some(parameter) = parameters.iter_mut().find(|p| p.name == *name) {
+                let mut parameters = parameters.iter_mut();
+                if let Some(parameter) = parameters.find(|p| p.joint() == Some(joint)) {
                     parameter.value = 1.0 / stiffness;
                 }
             }

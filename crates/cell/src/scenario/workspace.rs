@@ -2,6 +2,7 @@
 
 use super::design::{DesignLoad, random_posture, stream};
 use super::{Scenario, ScenarioError, Truth, presets, simulate};
+use crate::effects::Role;
 use crate::plant::{Command, Plant, PlantError, PlantSpec};
 use crate::space::generator;
 use serde::{Deserialize, Serialize};
@@ -85,7 +86,7 @@ fn soften(scenario: &mut Scenario, exponent: i32) -> Result<(), ScenarioError> {
         message,
     })?;
     let springs = scenario.truth.iter_mut();
-    for Truth { values, .. } in springs.filter(|t| t.effect.id() == "joint_compliance") {
+    for Truth { values, .. } in springs.filter(|t| t.effect.role() == Some(Role::Spring)) {
         for (joint, stiffness) in &stiffness {
             let name = &scenario.setup.robot.joints[*joint].name;
             if let Some((_, value)) = values.iter_mut().find(|(known, _)| known == name) {

@@ -5,7 +5,7 @@ use super::outside::{NAMES, Outside};
 use super::signal;
 use super::size::Bench;
 use crate::campaign::{Campaign, Noise, Split};
-use crate::effects::{Parameter, find};
+use crate::effects::{EffectList, Parameter, Role, find};
 use crate::fit::noise;
 use crate::model_file::{self};
 use crate::plant::PlantSpec;
@@ -228,34 +228,30 @@ fn drawn(
     id: &'static str,
     random: &mut impl Rng,
 ) -> Result<Hidden, CaseError> {
-    let make = |options: toml::Table| find(id).and_then(|entry| entry.make(options).ok());
+    let entry = find(id);
+    let role = entry.and_then(|entry| entry.role);
     let mut options = toml::Table::new();
     let stretch: f64 = random.random_range(-1.0..1.0);
-    if blind.wrong_form && id == "joint_hardening" {
+    if blind.wrong_form && role == Some(Role::Hardening) {
         // every joint's knee, 0.4 to 2.5 times its usual one; the catalogue keeps its own
         let factor = 2.5f64.powf(stretch);
         options.insert("knee_factor".to_owned(), factor.into());
     }
-    let Some(effect) = make(options) else {
+    let Some(effect) = entry.and_then(|entry| entry.make(options).ok()) else {
         unreachable!("families are in the catalogue, and need no options")
     };
     let parameters = effect.parameters(&base.setup);
-    let group = |parameter: &Parameter| {
-        let name = parameter.name.as_str();
-        name.split_once('.')
-            .map_or(name, |(joint, _)| joint)
-            .to_owned()
-    };
     let alone = random.random::<bool>();
-    let chosen = parameters
-        .get(random.random_range(0..parameters.len().max(1)))
-        .map(group);
+    let chosen = parameters.get(random.random_range(0..parameters.len().max(1)));
+    let beside = |parameter: &Parameter| {
+        chosen.is_some_and(|chosen| parameter == chosen || parameter.shares_place_with(chosen))
+    };
     let mut largest = 0.0f64;
     let values: Vec<(String, f64)> = parameters
         .iter()
         .map(|parameter| {
             let draw: f64 = random.sample(StandardNormal);
-            let taken = !alone || chosen.as_ref() == Some(&group(parameter));
+            let taken = !alone || beside(parameter);
             let draw = match (taken, parameter.lower >= 0.0) {
                 (false, _) => 0.0,
                 (true, true) => draw.abs(),
@@ -266,7 +262,7 @@ fn drawn(
         })
         .collect();
     let twist = match blind.wrong_form {
-        true => twist(base, id, &values, random)?,
+        true => twist(base, &parameters, &values, random)?,
         false => None,
     };
     Ok(Hidden::Effect {
@@ -280,18 +276,16 @@ fn drawn(
 /// How the plant's law differs, for the effects that have such a form.
 fn twist(
     base: &Scenario,
-    id: &str,
+    parameters: &[Parameter],
     values: &[(String, f64)],
     random: &mut impl Rng,
 ) -> Result<Option<Twist>, CaseError> {
-    Ok(match id {
-        "transmission_error" => {
+    let role = parameters.first().and_then(|parameter| parameter.role);
+    Ok(match role {
+        Some(Role::Transmission) => {
             let mut of: Vec<(usize, f64)> = Vec::new();
-            for (name, value) in values {
-                let joint = name
-                    .split_once('.')
-                    .map_or(name.as_str(), |(joint, _)| joint);
-                let Some(joint) = base.setup.robot.joint(joint) else {
+            for (parameter, (_, value)) in parameters.iter().zip(values) {
+                let Some(joint) = parameter.joint() else {
                     continue;
                 };
                 match of.last_mut() {
@@ -301,7 +295,7 @@ fn twist(
             }
             Some(Twist::ThirdHarmonic(of))
         }
-        "frame_drift" => {
+        Some(Role::Drift) => {
             let length = PACE * visits(base)?.len().saturating_sub(1) as f64;
             // at the end it has 0.6 to 0.08 of the rate that it begins with
             let constant = length / random.random_range(0.5..2.5);
@@ -310,7 +304,7 @@ fn twist(
                 constant,
             })
         }
-        "thermal_expansion" => {
+        Some(Role::Thermal) => {
             let sign = if random.random::<bool>() { 1.0 } else { -1.0 };
             Some(Twist::Bent(sign * random.random_range(0.02..0.05)))
         }
@@ -352,7 +346,7 @@ fn oracle(
     if seen.is_empty() {
         return Ok(None);
     }
-    let model = model_file::model(campaign, None, None)?;
+    let model = model_file::model(campaign, &EffectList::DEFAULT, None)?;
     let values = true_values(scenario, &model);
     let stated = campaign.noise.unwrap_or(scenario.noise);
     let whiteners = noise::whiteners(&model, &values, &seen, &stated);

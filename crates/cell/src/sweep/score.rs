@@ -5,6 +5,7 @@ use super::hidden::CaseError;
 use super::signal;
 use crate::campaign::Split;
 use crate::diagnosis::{Diagnosis, Verdict, diagnose, next_poses};
+use crate::effects::EffectList;
 use crate::fit::{self, Options, noise};
 use crate::model_file;
 use crate::plan::Outlook;
@@ -97,7 +98,7 @@ impl Outcome {
 /// As [`draw`], and if there is no fit.
 pub fn score(scenario: &Scenario, number: usize) -> Result<Row, CaseError> {
     let case = draw(scenario, number)?;
-    let model = model_file::model(&case.campaign, None, None)?;
+    let model = model_file::model(&case.campaign, &EffectList::DEFAULT, None)?;
     let quick = Options {
         cross_validate: false,
     };
@@ -127,7 +128,7 @@ fn resolve(case: &Case, found: &Diagnosis, poses: usize) -> Result<String, CaseE
     let mut scenario = case.scenario.clone();
     scenario.design.more = plan.poses;
     let campaign = super::case::measured(&scenario, &case.plant)?;
-    let model = model_file::model(&campaign, None, None)?;
+    let model = model_file::model(&campaign, &EffectList::DEFAULT, None)?;
     let quick = Options {
         cross_validate: false,
     };

@@ -3,7 +3,7 @@
 use super::hidden::{CaseError, Hidden, truths};
 use super::signal;
 use crate::campaign::{Campaign, Noise};
-use crate::effects::find;
+use crate::effects::{EffectList, find};
 use crate::model_file;
 use crate::plant::{PlantError, PlantSpec};
 use crate::scenario::efficiency::true_values;
@@ -62,7 +62,7 @@ impl Bench<'_> {
             return Ok(Vec::new());
         }
         let all = self.silent(hidden, sizes)?;
-        let model = model_file::model(&all, None, None)?;
+        let model = model_file::model(&all, &EffectList::DEFAULT, None)?;
         let mut told = self.scenario.clone();
         told.truth.extend(truths(hidden, sizes));
         let mut found = Vec::new();
@@ -86,7 +86,7 @@ impl Bench<'_> {
     pub(super) fn deviation(&self, hidden: &[Hidden], sizes: &[f64]) -> Result<f64, CaseError> {
         let all = self.silent(hidden, sizes)?;
         let rest = self.silent(hidden, &vec![0.0; sizes.len()])?;
-        let mut model = model_file::model(&all, None, None)?;
+        let mut model = model_file::model(&all, &EffectList::DEFAULT, None)?;
         for hidden in hidden {
             let entry = find(&hidden.name());
             if let Some(usual) = entry.and_then(|entry| entry.make(toml::Table::new()).ok()) {

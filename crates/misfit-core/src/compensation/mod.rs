@@ -12,6 +12,7 @@ mod inverse;
 pub use inverse::{End, Found, Reach, error, solve};
 
 use crate::campaign::Reading;
+use crate::effects::Role;
 use crate::fit::{Fit, Status};
 use crate::model::{Model, Rows, Workspace};
 use crate::space::Space;
@@ -39,7 +40,7 @@ impl<'a> Robot<'a> {
             if term.effect.is_of_measurement() {
                 own[range.clone()].fill(0.0);
             }
-            if !["tracker_frame", "target_offset"].contains(&term.effect.id()) {
+            if !term.effect.role().is_some_and(Role::is_frame) {
                 nominal[range].fill(0.0);
             }
         }
@@ -52,35 +53,27 @@ impl<'a> Robot<'a> {
 
     /// Stiffness of every joint as the model has it, N·m/rad (N/m); none where it knows of no spring.
     pub fn stiffness(&self) -> Vec<Option<f64>> {
-        let term = self.model.term("joint_compliance");
-        let compliance = |name: &str| {
-            let term = term?;
-            let index = term.parameters.iter().position(|p| p.name == name)?;
-            Some(term.of(&self.values)[index])
-        };
-        let joints = self.model.setup.robot.joints.iter();
+        let term = self.model.term_of(Role::Spring);
+        let compliance = |joint: usize| Some(self.values[term?.of_joint(joint)?]);
+        let joints = 0..self.model.setup.robot.joints.len();
         joints
-            .map(|joint| {
-                compliance(&joint.name)
-                    .filter(|c| *c > 0.0)
-                    .map(|c| 1.0 / c)
-            })
+            .map(|joint| compliance(joint).filter(|c| *c > 0.0).map(|c| 1.0 / c))
             .collect()
     }
 
     /// Where the tracker stands in the base frame.
     pub fn base_from_tracker(&self) -> Isometry3<f64> {
-        self.pose("tracker_frame", 0)
+        self.pose(Role::TrackerFrame, 0)
     }
 
     /// Where a target sits in its link.
     pub fn link_from_target(&self, target: usize) -> Isometry3<f64> {
-        self.pose("target_offset", target)
+        self.pose(Role::TargetFrame, target)
     }
 
     /// A pose among an effect's parameters; the identity if the model does not have it.
-    fn pose(&self, effect: &str, index: usize) -> Isometry3<f64> {
-        let numbers = self.model.term(effect).map(|term| term.of(&self.values));
+    fn pose(&self, role: Role, index: usize) -> Isometry3<f64> {
+        let numbers = self.model.term_of(role).map(|term| term.of(&self.values));
         match numbers.and_then(|numbers| numbers.get(6 * index..6 * index + 6)) {
             Some(&[x, y, z, rx, ry, rz]) => {
                 Isometry3::new(Vector3::new(x, y, z), Vector3::new(rx, ry, rz))
@@ -191,7 +184,7 @@ fn certainty(
     let mut unseen: Option<(String, f64)> = None;
     for (k, (effect, parameter)) in robot.model.parameters().enumerate() {
         // geometry is redundant by nature: what one parameter leaves open another holds
-        let alone = effect != "geometry" && fit.status[k] == Status::Unobservable;
+        let alone = parameter.role != Some(Role::Geometry) && fit.status[k] == Status::Unobservable;
         if alone && wanted[k] {
             let moved = jacobian.column(k).fixed_rows::<3>(0).norm() * parameter.typical;
             if moved > 1e-6 && unseen.as_ref().is_none_or(|(_, most)| moved > *most) {

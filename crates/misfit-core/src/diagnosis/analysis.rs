@@ -11,7 +11,7 @@ use super::ripple::{self, Wave};
 use super::score::{Against, Gram, Information};
 use super::{ALARM, Candidate, CannotSee, MOST, NEAR, VISIBLE, fitted, folds, motion, search};
 use crate::campaign::{Campaign, Reading};
-use crate::effects::{AnyEffect, CATALOGUE};
+use crate::effects::{AnyEffect, CATALOGUE, Role};
 use crate::fit::noise::{self, Source};
 use crate::fit::{self, Fit};
 use crate::model::Model;
@@ -94,7 +94,7 @@ pub(super) fn analyse(
         let found = ripple::scan(fit, &readings, &motions, &blocks, base, &against, ALARM);
         if let Some(found) = found
             && let Some(model) = ripple::with(&fit.model, &found.waves)
-            && let Some(term) = model.term(ripple::EFFECT)
+            && let Some(term) = model.term_of(Role::Ripple)
         {
             let effect = term.effect.clone();
             let first = blocks[0].ncols() - 1 - base;
@@ -125,7 +125,7 @@ pub(super) fn analyse(
         let found = families.len() - 1;
         let usual = families
             .iter()
-            .position(|f| f.effect.id() == ripple::EFFECT);
+            .position(|f| f.effect.role() == Some(Role::Ripple));
         beaten = usual.filter(|&usual| usual != found);
         if let Some(usual) = beaten
             && scores[usual].log_evidence > scores[found].log_evidence

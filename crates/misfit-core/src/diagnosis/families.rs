@@ -1,7 +1,7 @@
 //! The effects that a model lacks, as columns beside its own: one score each, alone or once others are in.
 
 use super::score::{Against, Information, Score, log_mean};
-use crate::effects::{AnyEffect, Parameter};
+use crate::effects::AnyEffect;
 use crate::model::Model;
 use std::ops::Range;
 use std::sync::Arc;
@@ -13,7 +13,7 @@ pub struct Family {
     pub effect: Arc<dyn AnyEffect>,
     /// Its columns among those of all families.
     pub columns: Range<usize>,
-    /// Those of one joint (or one parameter) each: real faults often have one place.
+    /// Those of one joint or target (or one parameter) each: real faults often have one place.
     groups: Vec<Range<usize>>,
     /// What finding its form cost, nats.
     pub trials: f64,
@@ -54,17 +54,11 @@ impl Family {
     /// A family whose columns begin at `first`.
     pub fn new(effect: &Arc<dyn AnyEffect>, model: &Model, first: usize) -> Self {
         let parameters = effect.parameters(&model.setup);
-        let place = |parameter: &Parameter| {
-            let name = parameter.name.as_str();
-            name.split_once('.')
-                .map_or(name, |(joint, _)| joint)
-                .to_owned()
-        };
         let mut groups: Vec<Range<usize>> = Vec::new();
         for index in 0..parameters.len() {
             let at = first + index;
             match groups.last_mut() {
-                Some(last) if place(&parameters[index]) == place(&parameters[index - 1]) => {
+                Some(last) if parameters[index].shares_place_with(&parameters[index - 1]) => {
                     last.end = at + 1;
                 }
                 _ => groups.push(at..at + 1),

@@ -9,7 +9,7 @@ use super::families::Family;
 use super::score::Gram;
 use super::{against, fitted};
 use crate::campaign::{Campaign, Reading};
-use crate::effects::{AnyEffect, Stage};
+use crate::effects::{AnyEffect, Parameter, Stage};
 use crate::fit::{CampaignProblem, Fit, noise};
 use crate::model::Workspace;
 use nalgebra::DMatrix;
@@ -83,15 +83,7 @@ fn functions(
 ) -> DMatrix<[f64; FUNCTIONS]> {
     let setup = &fit.model.setup;
     let parameters = effect.parameters(setup);
-    let joints: Vec<Option<usize>> = parameters
-        .iter()
-        .map(|parameter| {
-            let name = parameter.name.as_str();
-            setup
-                .robot
-                .joint(name.split_once('.').map_or(name, |(joint, _)| joint))
-        })
-        .collect();
+    let joints: Vec<Option<usize>> = parameters.iter().map(Parameter::joint).collect();
     let mut workspace = Workspace::new(setup);
     let torques: Vec<Vec<f64>> = readings
         .iter()

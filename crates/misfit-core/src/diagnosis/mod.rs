@@ -25,7 +25,7 @@ pub use contrasts::Contrast;
 
 use crate::campaign::wrench_is_measured;
 use crate::campaign::{Campaign, Reading, Split};
-use crate::effects::AnyEffect;
+use crate::effects::{AnyEffect, Role};
 use crate::fit::alike::together;
 use crate::fit::noise::{self, Source};
 use crate::fit::{self, CampaignProblem, Fit, FitError, Options};
@@ -264,7 +264,7 @@ pub fn diagnose_until(
             if next.len() == 0 {
                 on_step("testing what is left");
                 // one search finds the waves that there are
-                let with_waves = !fit.model.has(ripple::EFFECT);
+                let with_waves = fit.model.term_of(Role::Ripple).is_none();
                 let analysis = analyse(&campaign, &fit, own, with_waves);
                 if !surely {
                     // large effects may hide another until they are refitted
@@ -361,7 +361,12 @@ pub fn diagnose_until(
         let one = first.set.iter().find(|effect| effect.id() == named[0]);
         if let Some(effect) = one {
             let fit = finite_fit(&campaign, &base.model.with(effect), Some(&base))?;
-            last = analyse(&campaign, &fit, own, !fit.model.has(ripple::EFFECT));
+            last = analyse(
+                &campaign,
+                &fit,
+                own,
+                fit.model.term_of(Role::Ripple).is_none(),
+            );
             steps = vec![(named[0].clone(), fit)];
         }
     }
@@ -378,7 +383,7 @@ pub fn diagnose_until(
         }
     }
     let fit = steps.last().map_or(&base, |step| &step.1).clone();
-    let mut waves = if named.iter().any(|id| id == ripple::EFFECT) {
+    let mut waves = if named.iter().any(|id| id == Role::Ripple.id()) {
         first.waves
     } else {
         Vec::new()

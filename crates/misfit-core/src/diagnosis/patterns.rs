@@ -10,6 +10,7 @@
 use super::contrasts::Field;
 use super::motion::Motion;
 use super::score::{Against, Score, log_mean};
+use crate::effects::Role;
 use crate::fit::alike::{angles, members, numbered};
 use crate::fit::{Fit, pose_key};
 use crate::robot::JointKind;
@@ -369,11 +370,10 @@ fn pulls(
     against: &Against,
 ) -> Option<Pattern> {
     let setup = &fit.model.setup;
-    let springs = fit.model.term("joint_compliance")?;
+    let springs = fit.model.term_of(Role::Spring)?;
     let compliance = |joint: usize| {
-        let name = &setup.robot.joints[joint].name;
-        let place = springs.parameters.iter().position(|p| p.name == *name);
-        place.map_or(0.0, |place| springs.of(&fit.values)[place])
+        let index = springs.of_joint(joint);
+        index.map_or(0.0, |index| fit.values[index])
     };
     let posture_of = numbered((field.readings.iter()).map(|reading| angles(reading)));
     let postures: Vec<Vec<Isometry3<f64>>> = members(&posture_of)

@@ -18,7 +18,7 @@
 //! Klimchik et al., ICINCO 2014, *Complete Stiffness Model for a Serial Robot* (arXiv:1311.6810); Abele, Weigold,
 //! Rothenbücher 2007, *Modeling and identification of an industrial robot for machining applications*, CIRP Annals 56(1).
 
-use super::{Effect, Need, Parameter, Stage, at_least_zero};
+use super::{Effect, Need, Parameter, Place, Stage, at_least_zero};
 use crate::dual_quaternion::{Scalar, constant};
 use crate::plant::{Carried, Flexure, PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -37,10 +37,12 @@ impl Effect for BearingTilt {
     const NEEDS: &'static [Need] = &[Need::Load];
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
-        let joints = setup.observed.iter().map(|&j| &setup.robot.joints[j]);
-        joints
-            .map(|joint| Parameter::new(&joint.name, "rad/(N·m)", 3e-6).at_least(0.0))
-            .collect()
+        let of_joint = |&joint: &usize| {
+            Parameter::new(&setup.robot.joints[joint].name, "rad/(N·m)", 3e-6)
+                .at_least(0.0)
+                .at(Place::Joint(joint))
+        };
+        setup.observed.iter().map(of_joint).collect()
     }
 
     fn perturb<S: Scalar>(&self, p: &[S], posture: &mut Posture<'_, S>) {

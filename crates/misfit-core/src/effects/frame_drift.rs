@@ -18,7 +18,7 @@
 //! ISO 9283:1998 (drift of pose characteristics); Le Reun et al., Robotica 2022.
 
 use super::tracker_frame::{POSE, isometry, pose};
-use super::{Effect, Need, Parameter, Stage};
+use super::{Effect, Need, Parameter, Role, Stage};
 use crate::dual_quaternion::{Scalar, constant};
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -37,6 +37,7 @@ const HOUR: f64 = 3600.0;
 impl Effect for FrameDrift {
     const ID: &'static str = "frame_drift";
     const STAGE: Stage = Stage::Instrument;
+    const ROLE: Option<Role> = Some(Role::Drift);
     const OF_MEASUREMENT: bool = true;
     const NEEDS: &'static [Need] = &[Need::Time];
 

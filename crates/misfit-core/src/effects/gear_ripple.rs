@@ -27,7 +27,7 @@
 //! MNRAS 385, 1279.
 
 use super::options::{List, Numbers, PerJoint};
-use super::{Effect, Parameter, Stage, turning};
+use super::{Effect, Parameter, Place, Role, Stage, turning};
 use crate::dual_quaternion::{Scalar, constant};
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -47,8 +47,8 @@ pub struct GearRipple {
 const USUAL: f64 = 200.0;
 
 impl GearRipple {
-    /// Joint and cycles of each wave.
-    fn waves<'a>(&'a self, setup: &'a Setup) -> impl Iterator<Item = (usize, f64)> + 'a {
+    /// As [`Effect::waves`], without the list: predictions ask for them at every reading.
+    fn each_wave<'a>(&'a self, setup: &'a Setup) -> impl Iterator<Item = (usize, f64)> + 'a {
         turning(setup).flat_map(|joint| {
             let cycles: &[f64] = match &self.cycles {
                 None => &[USUAL],
@@ -65,6 +65,11 @@ impl GearRipple {
 impl Effect for GearRipple {
     const ID: &'static str = "gear_ripple";
     const STAGE: Stage = Stage::Rigid;
+    const ROLE: Option<Role> = Some(Role::Ripple);
+
+    fn waves(&self, setup: &Setup) -> Vec<(usize, f64)> {
+        self.each_wave(setup).collect()
+    }
 
     fn check(&self, setup: &Setup) -> Result<(), String> {
         PerJoint::check(self.cycles.as_ref(), "cycles", setup)
@@ -73,13 +78,16 @@ impl Effect for GearRipple {
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
         let of_wave = |(joint, cycles): (usize, f64)| {
             let name = &setup.robot.joints[joint].name;
-            ["sin", "cos"].map(|term| Parameter::new(format!("{name}.{term}{cycles}"), "rad", 3e-5))
+            ["sin", "cos"].map(|term| {
+                Parameter::new(format!("{name}.{term}{cycles}"), "rad", 3e-5)
+                    .at(Place::Joint(joint))
+            })
         };
-        self.waves(setup).flat_map(of_wave).collect()
+        self.each_wave(setup).flat_map(of_wave).collect()
     }
 
     fn perturb<S: Scalar>(&self, p: &[S], posture: &mut Posture<'_, S>) {
-        for ((joint, cycles), p) in self.waves(posture.setup).zip(p.chunks_exact(2)) {
+        for ((joint, cycles), p) in self.each_wave(posture.setup).zip(p.chunks_exact(2)) {
             let cycles: S = constant(cycles);
             let (sin, cos) = (posture.q(joint) * cycles).sin_cos();
             posture.move_joint(joint, p[0] * sin + p[1] * cos);
@@ -88,7 +96,7 @@ impl Effect for GearRipple {
 
     fn install(&self, p: &[f64], setup: &Setup, plant: &mut PlantSpec) -> Result<(), SpecError> {
         let waves: Vec<(usize, f64, f64, f64)> = self
-            .waves(setup)
+            .each_wave(setup)
             .zip(p.chunks_exact(2))
             .map(|((joint, cycles), p)| (joint, cycles, p[0].hypot(p[1]), p[1].atan2(p[0])))
             .collect();

@@ -23,7 +23,7 @@
 //! Klimchik et al., ICINCO 2014, *Complete Stiffness Model for a Serial Robot* (arXiv:1311.6810); Everett,
 //! Driels, Mooring 1987 (number of identifiable parameters: 4 R + 2 P + 6).
 
-use super::{Effect, Parameter, Stage};
+use super::{Effect, Parameter, Place, Role, Stage};
 use crate::dual_quaternion::Scalar;
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::{NODE, Posture};
@@ -53,13 +53,15 @@ fn nodes(setup: &Setup) -> impl Iterator<Item = usize> + '_ {
 impl Effect for Geometry {
     const ID: &'static str = "geometry";
     const STAGE: Stage = Stage::Rigid;
+    const ROLE: Option<Role> = Some(Role::Geometry);
     const ALIASES: &'static [&'static str] = &["joint_offset", "tracker_scale"];
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
         let of_node = |node: usize| {
-            let name = &setup.robot.joints[node - 1].name;
+            let joint = node - 1;
+            let name = &setup.robot.joints[joint].name;
             COMPONENTS.map(|(component, unit, typical)| {
-                Parameter::new(format!("{name}.{component}"), unit, typical)
+                Parameter::new(format!("{name}.{component}"), unit, typical).at(Place::Joint(joint))
             })
         };
         nodes(setup).flat_map(of_node).collect()

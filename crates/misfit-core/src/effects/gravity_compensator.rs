@@ -18,7 +18,7 @@
 //! ## Sources
 //! Klimchik et al., ICINCO 2014, *Complete Stiffness Model for a Serial Robot* (arXiv:1311.6810).
 
-use super::{Effect, Parameter, Stage, turning};
+use super::{Effect, Parameter, Place, Stage, turning};
 use crate::dual_quaternion::Scalar;
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -74,7 +74,7 @@ impl Effect for GravityCompensator {
         let of_joint = |joint: usize| {
             let name = &setup.robot.joints[joint].name;
             TERMS.map(|(term, unit, typical)| {
-                Parameter::new(format!("{name}.{term}"), unit, typical)
+                Parameter::new(format!("{name}.{term}"), unit, typical).at(Place::Joint(joint))
             })
         };
         self.joints(setup).into_iter().flat_map(of_joint).collect()

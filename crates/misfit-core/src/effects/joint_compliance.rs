@@ -21,7 +21,7 @@
 //! Appl. Sci. 2019, 9, 65, eq. 19 to 35 and Tables 3 and 4; Chen, Kao 2000, *Conservative congruence
 //! transformation*, IJRR 19(9).
 
-use super::{Effect, Need, Parameter, Stage, at_least_zero, by_joint};
+use super::{Effect, Need, Parameter, Role, Stage, at_least_zero, by_joint};
 use crate::dual_quaternion::Scalar;
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -36,6 +36,7 @@ pub struct JointCompliance {}
 impl Effect for JointCompliance {
     const ID: &'static str = "joint_compliance";
     const STAGE: Stage = Stage::Elastic;
+    const ROLE: Option<Role> = Some(Role::Spring);
     const NEEDS: &'static [Need] = &[Need::Load];
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {

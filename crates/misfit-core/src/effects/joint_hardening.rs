@@ -22,7 +22,7 @@
 //! Harmonic Drive, torsional stiffness in three zones (CHA manual, p. 83); Appl. Sci. 2019, 9, 65 (the linear part).
 
 use super::options::PerJoint;
-use super::{Effect, Need, Parameter, Stage, at_least_zero, by_joint};
+use super::{Effect, Need, Parameter, Role, Stage, at_least_zero, by_joint};
 use crate::dual_quaternion::{Scalar, constant};
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -60,6 +60,7 @@ impl JointHardening {
 impl Effect for JointHardening {
     const ID: &'static str = "joint_hardening";
     const STAGE: Stage = Stage::Elastic;
+    const ROLE: Option<Role> = Some(Role::Hardening);
     const NEEDS: &'static [Need] = &[Need::Load];
     // the size of a gear is seldom known, and the knee doubles from one to the next: half a decade either way
     const FORMS: &'static [&'static str] = &[

@@ -18,7 +18,7 @@
 //! Slamani, Nubiola, Bonev 2012, *Assessment of the positioning performance of an industrial robot*
 //! (650 µm and 2.8 mrad before calibration of an IRB 1600).
 
-use super::{Effect, Parameter, Stage, by_joint};
+use super::{Effect, Parameter, Role, Stage, by_joint};
 use crate::dual_quaternion::Scalar;
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -33,6 +33,7 @@ pub struct JointOffset {}
 impl Effect for JointOffset {
     const ID: &'static str = "joint_offset";
     const STAGE: Stage = Stage::Rigid;
+    const ROLE: Option<Role> = Some(Role::Offset);
     const ALIASES: &'static [&'static str] = &["geometry"];
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {

@@ -21,7 +21,7 @@
 //! ## Sources
 //! Any textbook on the strength of materials (cantilever beam); Klimchik et al., ICINCO 2014 (arXiv:1311.6810).
 
-use super::{Effect, Need, Parameter, Stage, at_least_zero};
+use super::{Effect, Need, Parameter, Place, Stage, at_least_zero};
 use crate::dual_quaternion::{Scalar, constant};
 use crate::plant::{Carried, Flexure, PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -66,7 +66,9 @@ impl Effect for LinkFlexibility {
         beams
             .map(|(joint, _)| {
                 let name = &setup.robot.joints[joint].name;
-                Parameter::new(name, "1/(N·m²)", 3e-6).at_least(0.0)
+                Parameter::new(name, "1/(N·m²)", 3e-6)
+                    .at_least(0.0)
+                    .at(Place::Joint(joint))
             })
             .collect()
     }

@@ -19,7 +19,7 @@
 //! ## Sources
 //! Klimchik et al., ICINCO 2014, *Complete Stiffness Model for a Serial Robot* (arXiv:1311.6810).
 
-use super::{Effect, Need, Parameter, Stage};
+use super::{Effect, Need, Parameter, Place, Stage};
 use crate::dual_quaternion::Scalar;
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -45,7 +45,9 @@ impl Effect for LinkMass {
         let of_joint = |&joint: &usize| {
             let mass = setup.robot.bodies[joint + 1].mass;
             let typical = if mass > 0.0 { SHARE * mass } else { UNKNOWN };
-            Parameter::new(&setup.robot.joints[joint].name, "kg", typical).at_least(-mass)
+            Parameter::new(&setup.robot.joints[joint].name, "kg", typical)
+                .at_least(-mass)
+                .at(Place::Joint(joint))
         };
         setup.observed.iter().map(of_joint).collect()
     }

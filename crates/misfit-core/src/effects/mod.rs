@@ -23,10 +23,12 @@ mod joint_hardening;
 mod joint_offset;
 mod link_flexibility;
 mod link_mass;
+mod list;
 pub mod need;
 mod options;
 mod payload_com;
 mod payload_mass;
+mod role;
 pub mod table;
 mod target_offset;
 mod thermal_expansion;
@@ -41,9 +43,11 @@ use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
 use crate::robot::JointKind;
 use crate::setup::Setup;
+pub use list::{Base, EffectList};
 use nalgebra::SVector;
 pub use need::Need;
 use num_dual::DualSVec64;
+pub use role::{Place, Role};
 use serde::de::DeserializeOwned;
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -116,6 +120,10 @@ impl Stage {
 pub struct Parameter {
     /// Name within the effect, e.g. the joint's.
     pub name: String,
+    /// Where it acts.
+    pub place: Place,
+    /// Its effect's role.
+    pub role: Option<Role>,
     /// SI unit.
     pub unit: String,
     /// Size that would not surprise; scales the parameter in rank decisions.
@@ -131,10 +139,12 @@ pub struct Parameter {
 }
 
 impl Parameter {
-    /// A free, unbounded parameter that starts at zero.
+    /// A free, unbounded parameter of the whole robot or setup that starts at zero.
     pub fn new(name: impl Into<String>, unit: impl Into<String>, typical: f64) -> Self {
         Self {
             name: name.into(),
+            place: Place::Whole,
+            role: None,
             unit: unit.into(),
             typical,
             lower: f64::NEG_INFINITY,
@@ -148,6 +158,24 @@ impl Parameter {
     pub fn at_least(self, lower: f64) -> Self {
         Self { lower, ..self }
     }
+
+    /// The same, acting somewhere.
+    pub fn at(self, place: Place) -> Self {
+        Self { place, ..self }
+    }
+
+    /// The joint at which it acts, if it is of one.
+    pub fn joint(&self) -> Option<usize> {
+        match self.place {
+            Place::Joint(joint) => Some(joint),
+            Place::Target(_) | Place::Whole => None,
+        }
+    }
+
+    /// Do both act at one joint or target?
+    pub fn shares_place_with(&self, other: &Self) -> bool {
+        self.place != Place::Whole && self.place == other.place
+    }
 }
 
 /// One physical effect, with its law for the model and its realisation in the plant.
@@ -158,6 +186,8 @@ pub trait Effect: Debug + Send + Sync + 'static {
     const STAGE: Stage;
     /// What a campaign must have for it to be seen.
     const NEEDS: &'static [Need] = &[];
+    /// The part that it plays, if others treat it apart.
+    const ROLE: Option<Role> = None;
     /// Effects of the catalogue that look exactly the same in some campaigns that meet its needs.
     const ALIASES: &'static [&'static str] = &[];
     /// Other options of it, TOML, that a diagnosis tries beside none: numbers of its law that no robot file tells.
@@ -180,6 +210,10 @@ pub trait Effect: Debug + Send + Sync + 'static {
     /// Joints whose wrenches (torques) an elastic law reads, if one of them is not the joint that it moves or moves
     /// behind: all that it reads then; none for a law that sees its own node alone.
     fn distant(&self, _setup: &Setup) -> Vec<usize> {
+        Vec::new()
+    }
+    /// Waves whose cycles are options, as joint and cycles per turn: two parameters each, of the sine and of the cosine.
+    fn waves(&self, _setup: &Setup) -> Vec<(usize, f64)> {
         Vec::new()
     }
     /// Refuses options that do not fit the robot.
@@ -206,13 +240,13 @@ fn by_joint(
     turns: (&'static str, f64),
     slides: (&'static str, f64),
 ) -> Vec<Parameter> {
-    let of_joint = |&joint: &usize| {
-        let joint = &setup.robot.joints[joint];
+    let of_joint = |&index: &usize| {
+        let joint = &setup.robot.joints[index];
         let (unit, typical) = match joint.kind {
             JointKind::Prismatic => slides,
             JointKind::Revolute | JointKind::Continuous => turns,
         };
-        Parameter::new(&joint.name, unit, typical)
+        Parameter::new(&joint.name, unit, typical).at(Place::Joint(index))
     };
     setup.observed.iter().map(of_joint).collect()
 }
@@ -266,6 +300,10 @@ pub trait AnyEffect: Debug + Send + Sync {
     fn needs(&self) -> &[Need];
     /// [`Effect::distant`].
     fn distant(&self, setup: &Setup) -> Vec<usize>;
+    /// [`Effect::ROLE`].
+    fn role(&self) -> Option<Role>;
+    /// [`Effect::waves`].
+    fn waves(&self, setup: &Setup) -> Vec<(usize, f64)>;
     /// [`Effect::ALIASES`].
     fn aliases(&self) -> &'static [&'static str];
     /// [`Effect::OF_MEASUREMENT`].
@@ -319,6 +357,12 @@ impl<E: Effect> AnyEffect for Made<E> {
     fn distant(&self, setup: &Setup) -> Vec<usize> {
         Effect::distant(&self.effect, setup)
     }
+    fn role(&self) -> Option<Role> {
+        E::ROLE
+    }
+    fn waves(&self, setup: &Setup) -> Vec<(usize, f64)> {
+        Effect::waves(&self.effect, setup)
+    }
     fn aliases(&self) -> &'static [&'static str] {
         E::ALIASES
     }
@@ -332,7 +376,11 @@ impl<E: Effect> AnyEffect for Made<E> {
         Effect::check(&self.effect, setup)
     }
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
-        Effect::parameters(&self.effect, setup)
+        let mut parameters = Effect::parameters(&self.effect, setup);
+        for parameter in &mut parameters {
+            parameter.role = E::ROLE;
+        }
+        parameters
     }
     fn perturb(&self, p: &[f64], posture: &mut Posture<'_, f64>) {
         Effect::perturb(&self.effect, p, posture);
@@ -351,6 +399,8 @@ pub struct Entry {
     pub id: &'static str,
     /// [`Effect::STAGE`].
     pub stage: Stage,
+    /// [`Effect::ROLE`].
+    pub role: Option<Role>,
     /// [`Effect::NEEDS`].
     pub needs: &'static [Need],
     /// [`Effect::ALIASES`].
@@ -361,10 +411,17 @@ pub struct Entry {
     make: fn(toml::Table) -> Result<Arc<dyn AnyEffect>, toml::de::Error>,
 }
 
+impl Debug for Entry {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(out, "Entry({})", self.id)
+    }
+}
+
 const fn entry<E: Effect + DeserializeOwned>(source: &'static str) -> Entry {
     Entry {
         id: E::ID,
         stage: E::STAGE,
+        role: E::ROLE,
         needs: E::NEEDS,
         aliases: E::ALIASES,
         forms: E::FORMS,
@@ -384,6 +441,11 @@ impl Entry {
     /// For options that it does not know.
     pub fn make(&self, options: toml::Table) -> Result<Arc<dyn AnyEffect>, toml::de::Error> {
         (self.make)(options)
+    }
+
+    /// Does it make no effect without options?
+    pub fn needs_options(&self) -> bool {
+        self.make(toml::Table::new()).is_err()
     }
 
     /// The effect in all forms that a diagnosis tries, the usual first; none if it needs options.

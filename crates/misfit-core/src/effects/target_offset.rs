@@ -19,7 +19,7 @@
 //! Mooring, Roth, Driels 1991, *Fundamentals of Manipulator Calibration*, ch. 3.
 
 use super::tracker_frame::{POSE, isometry, pose};
-use super::{Effect, Parameter, Stage};
+use super::{Effect, Parameter, Place, Role, Stage};
 use crate::dual_quaternion::Scalar;
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -34,14 +34,21 @@ pub struct TargetOffset {}
 impl Effect for TargetOffset {
     const ID: &'static str = "target_offset";
     const STAGE: Stage = Stage::Instrument;
+    const ROLE: Option<Role> = Some(Role::TargetFrame);
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
-        let of_target = |target: &crate::campaign::Target| {
+        let of_target = |(index, target): (usize, &crate::campaign::Target)| {
             POSE.map(|(name, unit, typical)| {
                 Parameter::new(format!("{}.{name}", target.name), unit, typical)
+                    .at(Place::Target(index))
             })
         };
-        setup.targets.iter().flat_map(of_target).collect()
+        setup
+            .targets
+            .iter()
+            .enumerate()
+            .flat_map(of_target)
+            .collect()
     }
 
     fn perturb<S: Scalar>(&self, p: &[S], posture: &mut Posture<'_, S>) {

@@ -18,7 +18,7 @@
 //! ## Sources
 //! Le Reun et al., Robotica 2022 (scatter of 0.15 mm over 6.5 h, 0.05 mm once compensated).
 
-use super::{Effect, Need, Parameter, Stage};
+use super::{Effect, Need, Parameter, Role, Stage};
 use crate::dual_quaternion::{Scalar, constant};
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -48,6 +48,7 @@ fn stations(setup: &Setup, target: usize) -> Vec<(usize, Vector3<f64>)> {
 impl Effect for ThermalExpansion {
     const ID: &'static str = "thermal_expansion";
     const STAGE: Stage = Stage::Rigid;
+    const ROLE: Option<Role> = Some(Role::Thermal);
     const NEEDS: &'static [Need] = &[Need::Temperature];
 
     fn parameters(&self, _: &Setup) -> Vec<Parameter> {

@@ -18,7 +18,7 @@
 //! ## Sources
 //! Mooring, Roth, Driels 1991, *Fundamentals of Manipulator Calibration*, ch. 3.
 
-use super::{Effect, Parameter, Stage};
+use super::{Effect, Parameter, Role, Stage};
 use crate::dual_quaternion::{DualQuaternion, Scalar, rotation_exp};
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -60,6 +60,7 @@ pub(super) fn isometry(p: &[f64]) -> Isometry3<f64> {
 impl Effect for TrackerFrame {
     const ID: &'static str = "tracker_frame";
     const STAGE: Stage = Stage::Instrument;
+    const ROLE: Option<Role> = Some(Role::TrackerFrame);
 
     fn parameters(&self, _: &Setup) -> Vec<Parameter> {
         POSE.map(|(name, unit, typical)| Parameter::new(name, unit, typical))

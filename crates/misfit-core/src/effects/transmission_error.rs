@@ -16,7 +16,7 @@
 //! ## Sources
 //! Harmonic Drive CSF/CSG catalogue, table 40, positional accuracy (1 to 2 arcmin peak to peak).
 
-use super::{Effect, Parameter, Stage, turning};
+use super::{Effect, Parameter, Place, Role, Stage, turning};
 use crate::dual_quaternion::{Scalar, constant};
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -34,12 +34,15 @@ const TERMS: [&str; 4] = ["sin1", "cos1", "sin2", "cos2"];
 impl Effect for TransmissionError {
     const ID: &'static str = "transmission_error";
     const STAGE: Stage = Stage::Rigid;
+    const ROLE: Option<Role> = Some(Role::Transmission);
     const ALIASES: &'static [&'static str] = &["gravity_compensator"];
 
     fn parameters(&self, setup: &Setup) -> Vec<Parameter> {
         let of_joint = |joint: usize| {
             let name = &setup.robot.joints[joint].name;
-            TERMS.map(|term| Parameter::new(format!("{name}.{term}"), "rad", 1e-4))
+            TERMS.map(|term| {
+                Parameter::new(format!("{name}.{term}"), "rad", 1e-4).at(Place::Joint(joint))
+            })
         };
         turning(setup).flat_map(of_joint).collect()
     }

@@ -17,7 +17,7 @@
 //! ## Sources
 //! Mooring, Roth, Driels 1991, *Fundamentals of Manipulator Calibration*, ch. 2 (coupled joint drives).
 
-use super::{Effect, Parameter, Stage};
+use super::{Effect, Parameter, Place, Stage};
 use crate::dual_quaternion::Scalar;
 use crate::plant::{PlantSpec, SpecError};
 use crate::posture::Posture;
@@ -58,7 +58,7 @@ impl Effect for WristCoupling {
         let of_wrist = |wrist: [usize; 3]| {
             PAIRS.map(|(moved, by)| {
                 let name = format!("{}.{}", name(wrist[moved]), name(wrist[by]));
-                Parameter::new(name, "rad/rad", 1e-4)
+                Parameter::new(name, "rad/rad", 1e-4).at(Place::Joint(wrist[moved]))
             })
         };
         wrists(setup).into_iter().flat_map(of_wrist).collect()

@@ -15,7 +15,7 @@ pub mod start;
 pub mod triangle;
 
 use crate::campaign::{Campaign, Noise, Reading, Split};
-use crate::effects::AnyEffect;
+use crate::effects::{AnyEffect, Role};
 use crate::model::{Model, Workspace, pose_numbers};
 use alike::Alike;
 use cross_validation::Ended;
@@ -444,9 +444,9 @@ fn start_values(campaign: &Campaign, model: &Model, readings: &[&Reading]) -> Ve
     let found = start::frames(campaign, &model.setup, readings);
     let mut p = model.start();
     for term in &model.terms {
-        let poses = match term.effect.id() {
-            "tracker_frame" => std::slice::from_ref(&found.base_from_tracker),
-            "target_offset" => &found.link_from_target[..],
+        let poses = match term.effect.role() {
+            Some(Role::TrackerFrame) => std::slice::from_ref(&found.base_from_tracker),
+            Some(Role::TargetFrame) => &found.link_from_target[..],
             _ => continue,
         };
         for (index, pose) in poses.iter().enumerate() {

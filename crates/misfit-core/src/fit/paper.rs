@@ -12,6 +12,7 @@
 use super::{Fit, FitError, Options, pose_key};
 use crate::campaign::{Campaign, Payload, Reading, Split};
 use crate::dual_quaternion::{DualQuaternion, Vector8};
+use crate::effects::{EffectList, Role};
 use crate::model::Model;
 use crate::model_file::ModelError;
 use crate::posture::{Kind, Slots};
@@ -92,7 +93,7 @@ pub fn fit(campaign: &Campaign) -> Result<PaperFit, PaperError> {
     if unloaded.readings.is_empty() {
         return Err(no_pairs());
     }
-    let model = crate::model_file::model(&unloaded, Some("geometry"), None)?;
+    let model = crate::model_file::model(&unloaded, &EffectList::only(Role::Geometry), None)?;
     let options = Options {
         cross_validate: false,
     };
@@ -221,9 +222,9 @@ fn mean_pose(readings: &[&Reading]) -> Option<Isometry3<f64>> {
 
 /// base_from_tracker and link_from_target as fitted.
 fn frame_poses(frames: &Fit, model: &Model, target: usize) -> (Isometry3<f64>, Isometry3<f64>) {
-    let pose = |id: &str, first: usize| {
+    let pose = |role: Role, first: usize| {
         let numbers = model
-            .term(id)
+            .term_of(role)
             .map(|term| &term.of(&frames.values)[first..first + 6]);
         numbers.map_or_else(Isometry3::identity, |p| {
             Isometry3::new(
@@ -232,7 +233,10 @@ fn frame_poses(frames: &Fit, model: &Model, target: usize) -> (Isometry3<f64>, I
             )
         })
     };
-    (pose("tracker_frame", 0), pose("target_offset", 6 * target))
+    (
+        pose(Role::TrackerFrame, 0),
+        pose(Role::TargetFrame, 6 * target),
+    )
 }
 
 /// By joint: `J_j τ_j` at the target, base frame, for the load alone on the nominal arm; metres and radians

@@ -6,7 +6,7 @@
 //! the smallest that goes with the rest.
 
 use super::solve::{Solution, Spectrum, WEAK};
-use crate::effects::Parameter;
+use crate::effects::{Parameter, Role};
 use crate::model::Model;
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
@@ -125,7 +125,7 @@ fn in_words(
         if norms[k] < WEAK {
             words.push(Unobservable {
                 what: format!("{effect}.{}", parameter.name),
-                why: format!("{}{}", unseen(effect, parameter), size(norms[k], parameter)),
+                why: format!("{}{}", unseen(parameter), size(norms[k], parameter)),
             });
         } else {
             together.entry(effect).or_default().push(k);
@@ -139,7 +139,7 @@ fn in_words(
             _ => format!("{effect}: {} of {all} parameters", members.len()),
         };
         let strongest = members.iter().map(|&k| norms[k]).fold(0.0, f64::max);
-        let why = if effect == "geometry" && !partners.is_empty() {
+        let why = if names[members[0]].1.role == Some(Role::Geometry) && !partners.is_empty() {
             format!(
                 "redundant by nature: what one does its neighbours or {} can undo; no reading needs more",
                 partners.join(", ")
@@ -161,10 +161,12 @@ fn in_words(
 }
 
 /// Why a reading may not depend on a parameter at all.
-fn unseen(effect: &str, parameter: &Parameter) -> String {
-    match effect {
-        "joint_compliance" => format!("no reading loads the {} axis", parameter.name),
-        "target_offset" if parameter.unit == "rad" => "no reading holds an orientation".to_owned(),
+fn unseen(parameter: &Parameter) -> String {
+    match parameter.role {
+        Some(Role::Spring) => format!("no reading loads the {} axis", parameter.name),
+        Some(Role::TargetFrame) if parameter.unit == "rad" => {
+            "no reading holds an orientation".to_owned()
+        }
         _ => "no reading depends on it".to_owned(),
     }
 }

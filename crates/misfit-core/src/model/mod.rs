@@ -13,7 +13,7 @@ mod prediction;
 
 use crate::campaign::{Campaign, Frame};
 use crate::dual_quaternion::{DualQuaternion, constant, rotation_vector};
-use crate::effects::{AnyEffect, Dual, Parameter, Stage};
+use crate::effects::{AnyEffect, Dual, Parameter, Role, Stage};
 use crate::posture::{Kind, Slots};
 use crate::setup::Setup;
 use crate::statics::Statics;
@@ -97,9 +97,9 @@ impl Model {
     /// Holds the frames that a campaign knows at their poses.
     pub fn hold_known_frames(&mut self, campaign: &Campaign) {
         for term in &mut self.terms {
-            let frames: &[Frame] = match term.effect.id() {
-                "tracker_frame" => std::slice::from_ref(&campaign.base_from_tracker),
-                "target_offset" => &campaign.link_from_target,
+            let frames: &[Frame] = match term.effect.role() {
+                Some(Role::TrackerFrame) => std::slice::from_ref(&campaign.base_from_tracker),
+                Some(Role::TargetFrame) => &campaign.link_from_target,
                 _ => continue,
             };
             for (frame, parameters) in frames.iter().zip(term.parameters.chunks_exact_mut(6)) {
@@ -141,6 +141,12 @@ impl Model {
     /// The term of an effect.
     pub fn term(&self, id: &str) -> Option<&Term> {
         self.terms.iter().find(|term| term.effect.id() == id)
+    }
+
+    /// The term whose effect plays a role.
+    pub fn term_of(&self, role: Role) -> Option<&Term> {
+        let plays = |term: &&Term| term.effect.role() == Some(role);
+        self.terms.iter().find(plays)
     }
 }
 
@@ -258,6 +264,13 @@ pub fn stacked(above: &Vector3<f64>, below: &Vector3<f64>) -> Vector6<f64> {
 }
 
 impl Term {
+    /// Index in the parameter vector of this effect's first parameter at a joint.
+    pub fn of_joint(&self, joint: usize) -> Option<usize> {
+        let mut parameters = self.parameters.iter();
+        let place = parameters.position(|parameter| parameter.joint() == Some(joint))?;
+        Some(self.first + place)
+    }
+
     /// This effect's part of the parameter vector.
     pub fn of<'a>(&self, p: &'a [f64]) -> &'a [f64] {
         &p[self.first..self.first + self.parameters.len()]

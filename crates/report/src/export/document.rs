@@ -2,6 +2,7 @@
 
 use super::Subject;
 use misfit_arm::robot::{JointKind, rpy};
+use misfit_core::effects::Role;
 use misfit_core::effects::Stage;
 use misfit_core::fit::{Fit, Status};
 use nalgebra::Isometry3;
@@ -213,7 +214,7 @@ pub fn document(subject: &Subject<'_>) -> Document {
 }
 
 fn stiffness(fit: &Fit) -> Vec<StiffnessDocument> {
-    let Some(term) = fit.model.term("joint_compliance") else {
+    let Some(term) = fit.model.term_of(Role::Spring) else {
         return Vec::new();
     };
     let quantile = fit.quantile();

@@ -6,6 +6,7 @@ use super::fit::{model_line, title};
 use super::format::{angle, count, length, render, table, wrap};
 use misfit_arm::robot::JointKind;
 use misfit_campaign::Campaign;
+use misfit_core::effects::Role;
 use misfit_core::export::{Calibrated, dh, position_error, urdf};
 use misfit_core::fit::{Fit, Status};
 use nalgebra::Isometry3;
@@ -322,7 +323,7 @@ fn remarks(made: &dh::Written) -> Vec<String> {
 
 /// Targets with a place on their link but without a turn.
 fn unturned(fit: &Fit, calibrated: &Calibrated) -> Vec<String> {
-    let Some(term) = fit.model.term("target_offset") else {
+    let Some(term) = fit.model.term_of(Role::TargetFrame) else {
         return Vec::new();
     };
     let targets = calibrated.setup.targets.iter().enumerate();

@@ -11,9 +11,11 @@ use crate::diagnosis::{p_value, words};
 use crate::format::{length, number};
 use misfit_campaign::{Campaign, Reading};
 use misfit_core::diagnosis::{Diagnosis, Pattern, VISIBLE, Verdict, ripple};
+use misfit_core::effects::{AnyEffect, Role};
 use misfit_core::fit::Fit;
 use misfit_core::fit::noise::Source;
 use nalgebra::Vector6;
+use std::sync::Arc;
 
 /// What the section shows.
 pub(super) struct Section {
@@ -129,10 +131,15 @@ pub(super) fn section(campaign: &Campaign, results: &Results<'_>) -> Result<Sect
 
 /// Effects that a fit has and the one before has not; without one before, those beside frames and geometry.
 fn added(fit: &Fit, before: Option<&Fit>) -> Vec<String> {
-    let usual = ["geometry", "tracker_frame", "target_offset", "joint_offset"];
-    let ids = fit.model.terms.iter().map(|term| term.effect.id());
-    let new = |id: &&str| !usual.contains(id) && before.is_none_or(|fit| !fit.model.has(id));
-    ids.filter(new).map(str::to_owned).collect()
+    let effects = fit.model.terms.iter().map(|term| &term.effect);
+    let new = |effect: &&Arc<dyn AnyEffect>| {
+        let usual = effect.role().is_some_and(Role::is_kinematic);
+        !usual && before.is_none_or(|fit| !fit.model.has(effect.id()))
+    };
+    effects
+        .filter(new)
+        .map(|effect| effect.id().to_owned())
+        .collect()
 }
 
 fn contrasts(diagnosis: &Diagnosis) -> Vec<Contrast> {

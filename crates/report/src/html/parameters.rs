@@ -2,6 +2,7 @@
 
 use crate::fit::stiffness;
 use crate::format::{count, number, significant};
+use misfit_core::effects::Role;
 use misfit_core::fit::{Fit, Status};
 
 /// What the section shows.
@@ -50,30 +51,34 @@ pub(super) struct Pair {
     pub size: u32,
 }
 
-/// Pairs listed at most.
-const PAIRS: usize = 10;
-/// Parameters of an effect of which all are shown.
-const MANY: usize = 16;
-/// Weaker ones are not worth knowing.
-const WORTH: f64 = 0.5;
-/// From this size on parameters are known together much better than apart.
-const STRONG: f64 = 0.9;
-/// Geometry and frames are redundant by nature.
-const REDUNDANT: [&str; 3] = ["geometry", "tracker_frame", "target_offset"];
+/// Pairs of correlated parameters listed.
+const MAX_PAIRS: usize = 10;
+/// Parameters of an effect that are all shown, even if zero lies within their intervals.
+const MAX_ALL_SHOWN: usize = 16;
+/// Absolute correlation from which on a pair is listed.
+const MIN_CORRELATION: f64 = 0.5;
+/// Absolute correlation from which on parameters are known together much better than apart.
+const MIN_STRONG_CORRELATION: f64 = 0.9;
 const NONE: &str = "—";
 
 pub(super) fn section(fit: &Fit) -> Section {
     let names: Vec<(String, bool)> = fit
         .model
         .parameters()
-        .map(|(id, p)| (format!("{id}.{}", p.name), REDUNDANT.contains(&id)))
+        .map(|(id, p)| {
+            let redundant = p.role.is_some_and(Role::is_redundant);
+            (format!("{id}.{}", p.name), redundant)
+        })
         .collect();
-    let all = fit.correlations(WORTH);
+    let all = fit.correlations(MIN_CORRELATION);
     type Found = Vec<(usize, usize, f64)>;
     let (own, others): (Found, Found) = all
         .into_iter()
         .partition(|&(a, b, _)| !names[a].1 && !names[b].1);
-    let strong = others.iter().filter(|pair| pair.2.abs() >= STRONG).count();
+    let strong = others
+        .iter()
+        .filter(|pair| pair.2.abs() >= MIN_STRONG_CORRELATION)
+        .count();
     let pair = |&(a, b, value): &(usize, usize, f64)| Pair {
         a: names[a].0.clone(),
         b: names[b].0.clone(),
@@ -87,7 +92,7 @@ pub(super) fn section(fit: &Fit) -> Section {
             fit.free.len()
         ),
         effects: effects(fit),
-        correlations: own.iter().take(PAIRS).map(pair).collect(),
+        correlations: own.iter().take(MAX_PAIRS).map(pair).collect(),
         redundant: match strong {
             0 => String::new(),
             n => format!(
@@ -103,7 +108,7 @@ fn effects(fit: &Fit) -> Vec<Effect> {
     let quantile = fit.quantile();
     let of_term = |term: &misfit_core::model::Term| {
         let id = term.effect.id();
-        let springs = id == "joint_compliance";
+        let springs = term.effect.role() == Some(Role::Spring);
         let of = |(offset, parameter): (usize, &misfit_core::effects::Parameter)| {
             let k = term.first + offset;
             let half = fit.std[k].map(|std| std * quantile);
@@ -129,12 +134,12 @@ fn effects(fit: &Fit) -> Vec<Effect> {
         let rows: Vec<Row> = term.parameters.iter().enumerate().map(of).collect();
         let known = rows.iter().filter(|row| row.status == "estimated").count();
         let count_all = rows.len();
-        let folded = id == "geometry";
+        let folded = term.effect.role() == Some(Role::Geometry);
         let sure = |k: usize| {
             let half = fit.std[k].map(|std| std * quantile);
             half.is_some_and(|half| fit.values[k].abs() > half)
         };
-        let shown = |place: usize| folded || count_all <= MANY || sure(term.first + place);
+        let shown = |place: usize| folded || count_all <= MAX_ALL_SHOWN || sure(term.first + place);
         let (rows, rest): (Vec<_>, Vec<_>) =
             rows.into_iter().enumerate().partition(|row| shown(row.0));
         let options = term.effect.options().to_string();

@@ -9,6 +9,7 @@ use super::rms;
 use misfit_arm::dual_quaternion::rotation_vector;
 use misfit_arm::robot::JointKind;
 use misfit_campaign::Reading;
+use misfit_core::effects::Parameter;
 use misfit_core::fit::alike::Alike;
 use misfit_core::fit::{Fit, residuals};
 use misfit_core::model::{Rows, Term, Workspace, stacked};
@@ -63,25 +64,15 @@ pub(super) struct Pull {
 /// The pull of an effect; where it acts on several joints, of the joint that matters most.
 pub(super) fn pull(fit: &Fit, term: &Term, readings: &[&Reading]) -> Pull {
     let setup = &fit.model.setup;
-    let joint_of = |name: &str| {
-        let joints = setup.observed.iter().map(|&j| &setup.robot.joints[j].name);
-        let own = |joint: &&String| {
-            name == joint.as_str()
-                || name
-                    .strip_prefix(joint.as_str())
-                    .is_some_and(|rest| rest.starts_with('.'))
-        };
-        joints.filter(own).max_by_key(|joint| joint.len()).cloned()
-    };
-    let joints: Vec<Option<String>> = term.parameters.iter().map(|p| joint_of(&p.name)).collect();
-    let mut parts: Vec<String> = Vec::new();
-    for joint in joints.iter().flatten() {
-        if !parts.contains(joint) {
-            parts.push(joint.clone());
+    let joints: Vec<Option<usize>> = term.parameters.iter().map(Parameter::joint).collect();
+    let mut parts: Vec<usize> = Vec::new();
+    for &joint in joints.iter().flatten() {
+        if !parts.contains(&joint) {
+            parts.push(joint);
         }
     }
     let whole = joints.iter().any(Option::is_none);
-    let groups: Vec<Option<String>> = match whole {
+    let groups: Vec<Option<usize>> = match whole {
         true => vec![None],
         false => parts.into_iter().map(Some).collect(),
     };
@@ -95,7 +86,7 @@ pub(super) fn pull(fit: &Fit, term: &Term, readings: &[&Reading]) -> Pull {
     };
     let with = predict(&fit.values);
     let count = groups.len();
-    let of_group = |group: Option<String>| {
+    let of_group = |group: Option<usize>| {
         let mut p = fit.values.clone();
         for (offset, joint) in joints.iter().enumerate() {
             if group.is_none() || *joint == group {
@@ -114,7 +105,7 @@ pub(super) fn pull(fit: &Fit, term: &Term, readings: &[&Reading]) -> Pull {
         let size = rms(moves.iter().map(|row| weighted(fit, row).norm()));
         Pull {
             id: term.effect.id().to_owned(),
-            part: group.map(|joint| (joint, count)),
+            part: group.map(|joint| (setup.robot.joints[joint].name.clone(), count)),
             moves,
             size: if size.is_finite() { size } else { 0.0 },
         }

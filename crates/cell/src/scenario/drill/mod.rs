@@ -22,6 +22,7 @@ use crate::campaign::{Payload, Reading, Wrench};
 use crate::compensation::controller::Controller;
 use crate::compensation::filter::Law;
 use crate::compensation::{End, Reach, Robot, posture, solve};
+use crate::effects::Role;
 use crate::model::{Model, Workspace};
 use crate::plant::instruments::{Draws, read};
 use crate::plant::{Command, Plant, PlantError, PlantSpec};
@@ -159,15 +160,9 @@ impl<'a> Cell<'a> {
         // Thrust on one arm is taken back by the other: a joint below both bears none of it. A model that sees one
         // arm's load alone would turn it.
         let mut values = values.to_vec();
-        if let Some(term) = model.term("joint_compliance") {
-            let names: Vec<&str> = shared
-                .iter()
-                .map(|&joint| setup.robot.joints[joint].name.as_str())
-                .collect();
-            for (k, parameter) in term.parameters.iter().enumerate() {
-                if names.contains(&parameter.name.as_str()) {
-                    values[term.first + k] = 0.0;
-                }
+        if let Some(term) = model.term_of(Role::Spring) {
+            for index in shared.iter().filter_map(|&joint| term.of_joint(joint)) {
+                values[index] = 0.0;
             }
         }
         let robot = Robot::new(model, &values);

@@ -18,7 +18,7 @@ use super::folds;
 use super::motion::Motion;
 use super::score::Against;
 use crate::campaign::Reading;
-use crate::effects::find;
+use crate::effects::Role;
 use crate::fit::noise::Source;
 use crate::fit::{FOLDS, Fit, solve};
 use crate::model::Model;
@@ -28,8 +28,6 @@ use rayon::prelude::*;
 use search::{Peak, Search};
 use sums::Sums;
 
-/// The effect whose cycles are found.
-pub const EFFECT: &str = "gear_ripple";
 /// Waves taken up at most in one search.
 const MOST: usize = 48;
 /// And in a first one.
@@ -60,15 +58,13 @@ pub struct Found {
     pub trials: f64,
 }
 
-/// Waves of a model: joint and cycles, as its parameters are named.
+/// Waves of a model: joint and cycles.
 pub fn of(model: &Model) -> Vec<(String, f64)> {
-    let parameters = model.term(EFFECT).map_or(&[][..], |term| &term.parameters);
-    let wave = |name: &str| {
-        let (joint, cycles) = name.rsplit_once(".sin")?;
-        Some((joint.to_owned(), cycles.parse().ok()?))
-    };
-    let names = parameters.iter().map(|parameter| parameter.name.as_str());
-    names.filter_map(wave).collect()
+    let term = model.term_of(Role::Ripple);
+    let waves = term.map_or_else(Vec::new, |term| term.effect.waves(&model.setup));
+    let named =
+        |(joint, cycles): (usize, f64)| (model.setup.robot.joints[joint].name.clone(), cycles);
+    waves.into_iter().map(named).collect()
 }
 
 /// The model with these waves beside those that it has, which keep their values.
@@ -85,9 +81,9 @@ pub fn with(model: &Model, waves: &[Wave]) -> Option<Model> {
     }
     let mut options = toml::Table::new();
     options.insert("cycles".to_owned(), table.into());
-    let effect = find(EFFECT)?.make(options).ok()?;
-    let mut next = model.without(EFFECT).with(&effect);
-    if let (Some(old), Some(term)) = (model.term(EFFECT), next.terms.last_mut()) {
+    let effect = Role::Ripple.entry().make(options).ok()?;
+    let mut next = model.without(effect.id()).with(&effect);
+    if let (Some(old), Some(term)) = (model.term_of(Role::Ripple), next.terms.last_mut()) {
         for parameter in &mut term.parameters {
             let before = old.parameters.iter().find(|p| p.name == parameter.name);
             if let Some(before) = before {
@@ -100,12 +96,14 @@ pub fn with(model: &Model, waves: &[Wave]) -> Option<Model> {
 
 /// Gives waves the amplitudes of a fit.
 pub fn settle(waves: &mut [Wave], fit: &Fit) {
+    let Some(term) = fit.model.term_of(Role::Ripple) else {
+        return;
+    };
+    let fitted = of(&fit.model);
     for wave in waves {
-        let value = |term: &str| {
-            let name = format!("{}.{term}{}", wave.joint, wave.cycles);
-            fit.index(EFFECT, &name).map(|index| fit.values[index])
-        };
-        if let (Some(sin), Some(cos)) = (value("sin"), value("cos")) {
+        let own = |(joint, cycles): &(String, f64)| *joint == wave.joint && *cycles == wave.cycles;
+        if let Some(place) = fitted.iter().position(own) {
+            let [sin, cos] = [0, 1].map(|k| term.of(&fit.values)[2 * place + k]);
             wave.amplitude_rad = sin.hypot(cos);
         }
     }
