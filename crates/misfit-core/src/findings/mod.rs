@@ -4,22 +4,61 @@
 
 mod doctor;
 mod finding;
+mod linear;
 mod repairs;
+mod rows;
+mod strays;
 mod table;
 
 pub use finding::{Finding, Severity, lines_in_words, worst};
 
-use crate::campaign::Campaign;
+use crate::campaign::{Campaign, Reading, Split};
+use linear::LinearFit;
+use rows::BadRows;
+use table::{FramesAlone, Table};
 
 /// All findings of a campaign, the worst first.
 pub fn findings(campaign: &Campaign) -> Vec<Finding> {
     let mut found = from_reading(campaign);
-    let rows: Vec<usize> = (0..campaign.readings.len()).collect();
-    if let Some(doctor) = doctor::diagnose(campaign, &rows) {
+    let slides: Vec<bool> = (0..campaign.robot.joints.len())
+        .map(|joint| !table::turns(&campaign.robot, joint))
+        .collect();
+    let bad = BadRows::of(&campaign.readings, &slides);
+    found.extend(bad.findings(campaign));
+    let unusable = bad.unusable();
+    let usable: Vec<usize> = (0..campaign.readings.len())
+        .filter(|row| unusable.binary_search(row).is_err())
+        .collect();
+    let doctor = doctor::diagnose(campaign, &usable);
+    if let Some(doctor) = doctor {
         found.extend(doctor.findings);
+        if doctor.agrees {
+            found.extend(of_the_model(campaign, &usable));
+        }
     }
     found.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     found
+}
+
+/// What only the usual model can see: rows and poses far off.
+fn of_the_model(campaign: &Campaign, usable: &[usize]) -> Vec<Finding> {
+    let readings: Vec<&Reading> = usable
+        .iter()
+        .map(|&row| &campaign.readings[row])
+        .filter(|reading| reading.split == Split::Fit)
+        .collect();
+    let table = Table::of(campaign, usable);
+    let sizes = FramesAlone::fit(&campaign.robot, &table, 6).sizes();
+    let middle = table::quantile(&sizes, 0.5);
+    let all = usable.iter().zip(&sizes);
+    let weights = all
+        .filter(|(row, _)| campaign.readings[**row].split == Split::Fit)
+        .map(|(_, size)| 1.0 / (1.0 + (size / (2.0 * middle)).powi(2)))
+        .collect();
+    let Some(mut fit) = LinearFit::of(campaign, &readings, weights) else {
+        return Vec::new();
+    };
+    strays::of(campaign, &readings, &mut fit).findings(&readings)
 }
 
 /// What the reader of the files had to say.

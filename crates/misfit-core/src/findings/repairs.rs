@@ -265,18 +265,20 @@ impl Repair {
             format!("{}_{unit}", name(joint))
         };
         match self {
-            Self::PositionUnit(unit, _) => in_columns(&format!(
-                "position = {{ columns = {XYZ}, unit = \"{unit}\" }}"
-            )),
+            Self::PositionUnit(unit, size) => {
+                let words = ['x', 'y', 'z'].map(|k| format!("\"{k}_{}\"", stated(unit, size)));
+                let words = words.join(", ");
+                in_columns(&format!(
+                    "position = {{ columns = [{words}], unit = \"{unit}\" }}"
+                ))
+            }
             Self::JointUnit(joint, unit, _) => {
                 let all = || (0..robot.joints.len()).filter(|&j| turns(robot, j));
                 let joints: Vec<usize> = joint.map_or_else(|| all().collect(), |j| vec![j]);
+                let read = if unit == "deg" { "rad" } else { "deg" };
                 let line = |&j: &usize| {
-                    format!(
-                        "{} = {{ column = \"{}\", unit = \"{unit}\" }}",
-                        name(j),
-                        column(j)
-                    )
+                    let name = name(j);
+                    format!("{name} = {{ column = \"{name}_{read}\", unit = \"{unit}\" }}")
                 };
                 in_columns(&joints.iter().map(line).collect::<Vec<_>>().join("; "))
             }
