@@ -5,6 +5,7 @@
 
 use super::finding::{Finding, Severity};
 use super::repairs::{Repair, catalogue};
+use super::stations;
 use super::table::{FramesAlone, Table};
 use crate::campaign::Campaign;
 use rayon::prelude::*;
@@ -172,6 +173,34 @@ fn explained(
             left(&after)
         ))
         .remedy(repair.remedy(campaign))
+}
+
+fn set_up_anew(
+    campaign: &Campaign,
+    rows: &[usize],
+    starts: &[usize],
+    frames: &FramesAlone,
+) -> Finding {
+    let lines: Vec<usize> = starts[1..]
+        .iter()
+        .map(|&start| campaign.readings[rows[start]].line)
+        .collect();
+    let words: Vec<String> = lines.iter().map(usize::to_string).collect();
+    Finding::new(
+        "set_up_anew",
+        Severity::Error,
+        format!(
+            "the tracker or the base was set up anew at line {}: from there on the readings need another frame",
+            words.join(" and at line ")
+        ),
+    )
+    .at(lines)
+    .because(format!(
+        "one frame for all leaves {}, a frame for each of {} blocks agrees with the nominal robot",
+        left(frames),
+        starts.len()
+    ))
+    .remedy("write a campaign for each set-up: the rows of one block, and frames of their own")
 }
 
 fn unexplained(

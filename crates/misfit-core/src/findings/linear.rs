@@ -7,6 +7,7 @@
 use super::table::quantile;
 use crate::campaign::{Campaign, Reading};
 use crate::fit::noise::{isotropic, whiteners};
+use crate::fit::solve::WEAK;
 use crate::fit::{CampaignProblem, pose_key, start_values};
 use crate::model_file;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
@@ -14,7 +15,7 @@ use std::collections::BTreeMap;
 
 /// Gauss-Newton steps: frames and millimetres of geometry are found in two.
 const STEPS: usize = 3;
-/// Share of the sum of squares below which a parameter's direction is not seen; keeps the normal equations regular.
+/// Keeps normal equations regular where the prior is left out.
 const RIDGE: f64 = 1e-9;
 
 /// The usual model near its optimum, linear.
@@ -29,8 +30,12 @@ pub struct LinearFit {
     springs: Vec<usize>,
     /// Number of columns.
     columns: usize,
-    /// Position noise first assumed, m.
-    pub sigma: f64,
+    /// How far the steps led, in typical sizes.
+    moved: DVector<f64>,
+    /// Position noise assumed, m.
+    sigma: f64,
+    /// Orientation noise assumed, rad.
+    turn: f64,
 }
 
 /// What is left of a reading when its pose is left out.
@@ -65,6 +70,10 @@ impl LinearFit {
             .filter(|(_, (_, parameter))| parameter.vary)
             .map(|(index, _)| index)
             .collect();
+        let limits: Vec<(f64, f64, f64)> = model
+            .parameters()
+            .map(|(_, p)| (p.typical, p.lower, p.upper))
+            .collect();
         let is_spring = |id: &str| id == "joint_compliance";
         let springs = free.iter().enumerate().filter(|(_, k)| {
             let term = model.terms.iter().find(|t| is_spring(t.effect.id()));
@@ -84,37 +93,32 @@ impl LinearFit {
             weights,
             springs,
             columns: free.len(),
+            moved: DVector::zeros(free.len()),
             sigma: 1e-4,
+            turn: 1e-4,
         };
         let mut p = start.clone();
-        let mut sizes = (1e-4, 1e-4);
         for step in 0..STEPS {
-            let noise = isotropic(sizes.0, sizes.1);
+            let noise = isotropic(found.sigma, found.turn);
             let whiteners = whiteners(&model, &p, readings, &noise);
             let problem = CampaignProblem::new(&model, readings, &whiteners, &free, &p);
             let begin: Vec<f64> = free.iter().map(|&k| p[k]).collect();
-            found.sigma = sizes.0;
             found.blocks = split(problem.blocks(&begin), readings);
             if found.blocks.len() != readings.len() || found.blocks.iter().any(not_finite) {
                 return None;
             }
-            let solution = found.solve(|_| true)?;
+            let solution = found.solve()?;
             if step + 1 == STEPS {
                 found.rest(&solution);
                 break;
             }
-            let moved = free.iter().enumerate().map(|(column, &k)| {
-                let parameter = model.parameters().nth(k);
-                let (scale, lower, upper) =
-                    parameter.map_or((1.0, -1.0, 1.0), |(_, p)| (p.typical, p.lower, p.upper));
-                (k, (p[k] + solution[column] * scale).clamp(lower, upper))
-            });
-            let moved: Vec<(usize, f64)> = moved.collect();
             let left = found.after(&solution);
-            sizes = robust_sizes(&left, sizes);
+            (found.sigma, found.turn) = robust_sizes(&left, (found.sigma, found.turn));
             found.reweigh(&left);
-            for (k, value) in moved {
-                p[k] = value;
+            for (column, &k) in free.iter().enumerate() {
+                let (typical, lower, upper) = limits[k];
+                p[k] = (p[k] + solution[column] * typical).clamp(lower, upper);
+                found.moved[column] = (p[k] - start[k]) / typical;
             }
         }
         Some(found)
@@ -130,16 +134,23 @@ impl LinearFit {
         rows.saturating_sub(self.columns)
     }
 
-    /// Parameters of the model.
-    pub fn columns(&self) -> usize {
-        self.columns
+    /// Position noise of a coordinate from the middle of what is left, m.
+    pub fn position_noise(&self) -> f64 {
+        let left: Vec<DVector<f64>> = self
+            .blocks
+            .iter()
+            .map(|block| block.column(self.columns).into_owned())
+            .collect();
+        let rows: usize = left.iter().map(DVector::len).sum();
+        let share = self.dof() as f64 / rows.max(1) as f64;
+        robust_sizes(&left, (self.sigma, self.turn)).0 / share.max(1e-3).sqrt()
     }
 
-    fn normal(&self, wanted: impl Fn(usize) -> bool) -> (DMatrix<f64>, DVector<f64>) {
+    fn normal(&self) -> (DMatrix<f64>, DVector<f64>) {
         let n = self.columns;
         let mut gram = DMatrix::zeros(n + 1, n + 1);
         for (index, block) in self.blocks.iter().enumerate() {
-            if wanted(index) && self.weights[index] > 0.0 {
+            if self.weights[index] > 0.0 {
                 gram.gemm_tr(self.weights[index], block, block, 1.0);
             }
         }
@@ -147,9 +158,11 @@ impl LinearFit {
         (gram.view((0, 0), (n, n)).into_owned(), right)
     }
 
-    fn solve(&self, wanted: impl Fn(usize) -> bool) -> Option<DVector<f64>> {
-        let (normal, right) = self.normal(wanted);
-        Some(-factor(normal)?.solve(&right))
+    /// The step to the optimum, with the weak prior of a fit about the start.
+    fn solve(&self) -> Option<DVector<f64>> {
+        let (normal, right) = self.normal();
+        let right = right + &self.moved * (WEAK * WEAK);
+        Some(-with_prior(normal)?.solve(&right))
     }
 
     /// What a step leaves, by reading.
@@ -166,6 +179,7 @@ impl LinearFit {
         for (block, left) in self.blocks.iter_mut().zip(left) {
             block.column_mut(n).copy_from(&left);
         }
+        self.moved += step;
     }
 
     /// Weights of a Cauchy distribution by what is left of each pose.
@@ -192,7 +206,7 @@ impl LinearFit {
         for (weight, kept) in self.weights.iter_mut().zip(kept) {
             *weight = if *kept { 1.0 } else { 0.0 };
         }
-        let solution = self.solve(|_| true)?;
+        let solution = self.solve()?;
         self.rest(&solution);
         Some(())
     }
@@ -200,8 +214,8 @@ impl LinearFit {
     /// What is left of each reading when its pose is left out, in units of the noise first assumed.
     pub fn left_out(&self) -> Option<Vec<Left>> {
         let n = self.columns;
-        let (normal, _) = self.normal(|_| true);
-        let whole = factor(normal.clone())?;
+        let (normal, _) = self.normal();
+        let whole = with_prior(normal.clone())?;
         let nothing = Left {
             squares: 0.0,
             rows: 0,
@@ -221,7 +235,7 @@ impl LinearFit {
                         right += jacobian.transpose() * weighted;
                     }
                     // at the optimum of all the others pull as hard the other way
-                    factor(normal).map(|factor| (factor.solve(&right), factor))
+                    with_prior(normal).map(|factor| (factor.solve(&right), factor))
                 }
                 false => Some((DVector::zeros(n), whole.clone())),
             };
@@ -251,7 +265,7 @@ impl LinearFit {
             return None;
         }
         let n = self.columns;
-        let (normal, right) = self.normal(|_| true);
+        let (normal, right) = self.normal();
         let squares: f64 = self
             .blocks
             .iter()
@@ -299,6 +313,14 @@ impl LinearFit {
 fn estimate(normal: &DMatrix<f64>, right: &DVector<f64>) -> Option<(DVector<f64>, DVector<f64>)> {
     let factor = factor(normal.clone())?;
     Some((-factor.solve(right), factor.inverse().diagonal()))
+}
+
+/// The factor of normal equations with the prior of a fit.
+fn with_prior(mut normal: DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
+    for k in 0..normal.nrows() {
+        normal[(k, k)] += WEAK * WEAK;
+    }
+    normal.cholesky()
 }
 
 /// The factor of normal equations, kept regular.

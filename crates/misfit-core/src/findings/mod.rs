@@ -5,14 +5,19 @@
 mod doctor;
 mod finding;
 mod linear;
+mod loads;
 mod repairs;
+mod repeats;
 mod rows;
+mod sizes;
+mod stations;
 mod strays;
 mod table;
 
 pub use finding::{Finding, Severity, lines_in_words, worst};
 
 use crate::campaign::{Campaign, Reading, Split};
+use crate::fit::Fit;
 use linear::LinearFit;
 use rows::BadRows;
 use table::{FramesAlone, Table};
@@ -30,6 +35,13 @@ pub fn findings(campaign: &Campaign) -> Vec<Finding> {
         .filter(|row| unusable.binary_search(row).is_err())
         .collect();
     let doctor = doctor::diagnose(campaign, &usable);
+    let fitted: Vec<&Reading> = usable
+        .iter()
+        .map(|&row| &campaign.readings[row])
+        .filter(|reading| reading.split == Split::Fit)
+        .collect();
+    found.extend(repeats::findings(campaign, &fitted));
+    found.extend(loads::wrenches(campaign, &fitted));
     if let Some(doctor) = doctor {
         found.extend(doctor.findings);
         if doctor.agrees {
@@ -58,7 +70,22 @@ fn of_the_model(campaign: &Campaign, usable: &[usize]) -> Vec<Finding> {
     let Some(mut fit) = LinearFit::of(campaign, &readings, weights) else {
         return Vec::new();
     };
-    strays::of(campaign, &readings, &mut fit).findings(&readings)
+    let strays = strays::of(campaign, &readings, &mut fit);
+    let mut found = strays.findings(&readings);
+    let by_wrench = readings.iter().any(|r| r.wrench.is_some());
+    if fit.dof() >= strays::MIN_DOF {
+        let springs = fit.springs();
+        found.extend(springs.and_then(|springs| loads::springs(&springs, by_wrench)));
+        let positions: Vec<_> = readings.iter().map(|r| r.position).collect();
+        let spread = table::spread(&positions);
+        found.extend(sizes::too_good(fit.position_noise(), spread));
+    }
+    found
+}
+
+/// Findings that only a fit can make: corrections beyond what robots have.
+pub fn of_a_fit(campaign: &Campaign, fit: &Fit) -> Vec<Finding> {
+    sizes::findings(campaign, fit)
 }
 
 /// What the reader of the files had to say.

@@ -2,7 +2,7 @@
 
 use super::finding::{Finding, Severity};
 use super::table::{middle, spread};
-use crate::campaign::{Campaign, Reading};
+use crate::campaign::{Campaign, Reading, Split};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
@@ -216,12 +216,15 @@ fn other_sizes(readings: &[Reading], slides: &[bool], zeros: &[usize]) -> Vec<us
 
 /// Rows earlier than the one before, where these are few: a table sorted otherwise is no fault.
 fn backwards(readings: &[Reading]) -> Vec<usize> {
-    let back: Vec<usize> = (1..readings.len())
-        .filter(|&row| match (readings[row - 1].time, readings[row].time) {
-            (Some(before), Some(now)) => now < before,
-            _ => false,
-        })
-        .collect();
+    let mut back = Vec::new();
+    for split in [Split::Fit, Split::Heldout] {
+        let own = chosen(readings, |r| r.split == split);
+        back.extend(own.windows(2).filter_map(|pair| {
+            let (before, now) = (readings[pair[0]].time?, readings[pair[1]].time?);
+            (now < before).then_some(pair[1])
+        }));
+    }
+    back.sort_unstable();
     match back.len() as f64 > (MAX_BACKWARDS * readings.len() as f64).max(1.0) {
         true => Vec::new(),
         false => back,

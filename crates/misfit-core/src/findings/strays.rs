@@ -17,7 +17,7 @@ const FALSE: f64 = 1e-4;
 /// More than this share of the readings are no strays: they are another robot, or another set-up.
 const MAX_SHARE: f64 = 0.15;
 /// Degrees of freedom without which nothing can be said of a row.
-const MIN_DOF: usize = 12;
+pub const MIN_DOF: usize = 12;
 /// Two readings of a pose differ by as many deviations of what pairs differ by.
 const FAR_PAIR: f64 = 7.0;
 

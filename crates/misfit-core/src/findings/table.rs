@@ -124,11 +124,6 @@ impl FramesAlone {
         }
     }
 
-    /// The same by positions alone.
-    pub fn by_positions(robot: &Robot, table: &Table, rounds: usize) -> Self {
-        Self::reweighted(table, table.sightings(robot), By::Positions(rounds))
-    }
-
     fn reweighted(table: &Table, mut sightings: Vec<Sighting>, by: By) -> Self {
         let known = Known {
             tracker: &table.tracker,
@@ -183,6 +178,13 @@ impl FramesAlone {
             angles,
             spread: spread(&seen).min(spread(&links)),
         }
+    }
+
+    /// Sizes of what these frames leave of other readings of the same robot.
+    pub fn sizes_of(&self, robot: &Robot, table: &Table) -> Vec<f64> {
+        let mut other = Self::left(&table.sightings(robot), self.start.clone());
+        other.spread = self.spread;
+        other.sizes()
     }
 
     /// Of each reading: distance over spread, and angle, rad.
