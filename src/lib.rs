@@ -7,6 +7,6 @@ use misfit_arm::input;
 use misfit_campaign::{self as campaign, bag, recording, setup, space};
 use misfit_cell::{scenario, sweep};
 use misfit_core::{
-    compensation, diagnosis, effects, export, fit, ladder, map, model, model_file, plan,
+    compensation, diagnosis, effects, export, findings, fit, ladder, map, model, model_file, plan,
 };
 use misfit_report::{self as report, plot};

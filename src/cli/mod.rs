@@ -1,6 +1,7 @@
 //! The command line: one file a command.
 
 mod arguments;
+mod check;
 mod compensate;
 mod completions;
 mod diagnose;
@@ -11,6 +12,7 @@ mod fit;
 mod import;
 mod ladder;
 mod map;
+mod opened;
 mod pictures;
 mod plan;
 mod progress;
@@ -26,6 +28,7 @@ use crate::campaign::{Campaign, folder_of};
 use crate::input::{self, LARGEST_TOML};
 use anyhow::Context;
 use clap::{CommandFactory, Parser, Subcommand};
+use opened::open;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use terminal::{print, print_json};
@@ -51,6 +54,7 @@ missed, the fit did not converge, or a task was not reached.";
 enum Command {
     Simulate(simulate::Arguments),
     Import(import::Arguments),
+    Check(check::Arguments),
     Fit(fit::Arguments),
     Diagnose(diagnose::Arguments),
     Ladder(ladder::Arguments),
@@ -88,6 +92,7 @@ pub fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Import(arguments) => import::run(&arguments),
+        Command::Check(arguments) => check::run(&arguments),
         Command::Fit(arguments) => fit::run(&arguments),
         Command::Diagnose(arguments) => diagnose::run(&arguments),
         Command::Ladder(arguments) => ladder::run(&arguments),

@@ -56,6 +56,7 @@ pub mod compensation;
 pub mod diagnosis;
 pub mod effects;
 pub mod export;
+pub mod findings;
 pub mod fit;
 pub mod ladder;
 pub mod map;

@@ -6,6 +6,7 @@ pub mod corrections;
 pub mod diagnosis;
 pub mod drill;
 pub mod export;
+pub mod findings;
 pub mod fit;
 pub mod format;
 pub mod html;

@@ -440,7 +440,7 @@ fn without_equilibrium(campaign: &Campaign, found: &mut Fit) {
 }
 
 /// Start values: frames in closed form, everything else as the model says.
-fn start_values(campaign: &Campaign, model: &Model, readings: &[&Reading]) -> Vec<f64> {
+pub(crate) fn start_values(campaign: &Campaign, model: &Model, readings: &[&Reading]) -> Vec<f64> {
     let found = start::frames(campaign, &model.setup, readings);
     let mut p = model.start();
     for term in &model.terms {

@@ -13,6 +13,8 @@ use nalgebra::{
 
 /// Readings used at most: enough for a start.
 const MOST: usize = 400;
+/// Rounds of rotation and places in turns from one start at most; each is a few products of small matrices.
+const ROUNDS: usize = 40;
 
 /// A start that leaves more than this share of the spread of the positions is none.
 const GROSS: f64 = 0.05;
@@ -26,44 +28,95 @@ pub struct Start {
     pub link_from_target: Vec<Isometry3<f64>>,
 }
 
-/// One reading beside the nominal robot.
-struct Pair<'a> {
-    link: Isometry3<f64>,
-    reading: &'a Reading,
+/// One reading beside the nominal robot, as plain numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sighting {
+    /// base_from_link of the nominal, unloaded robot, m.
+    pub link: Isometry3<f64>,
+    /// Index of the target.
+    pub target: usize,
+    /// Of the target in the tracker's frame, m.
+    pub position: Vector3<f64>,
+    /// tracker_from_target.
+    pub orientation: Option<UnitQuaternion<f64>>,
+    /// How much it counts, 0 and more.
+    pub weight: f64,
+}
+
+/// Which frames are known: the tracker's, and those of the targets.
+#[derive(Debug, Clone, Copy)]
+pub struct Known<'a> {
+    /// Tracker in the base frame.
+    pub tracker: &'a Frame,
+    /// Targets in their links.
+    pub targets: &'a [Frame],
+}
+
+/// What the tracker's rotation is taken from where both could say it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum By {
+    /// Orientations, where there are any.
+    Orientations,
+    /// Positions alone, looked for from this many rounds of each of 25 rotations on.
+    Positions(usize),
 }
 
 /// Finds the frames that a campaign marks "estimate" from the readings given; known ones are kept.
 pub fn frames(campaign: &Campaign, setup: &Setup, readings: &[&Reading]) -> Start {
     let stride = readings.len().div_ceil(MOST).max(1);
-    let pairs: Vec<Pair> = readings
+    let sightings: Vec<Sighting> = readings
         .iter()
         .step_by(stride)
-        .map(|reading| Pair {
+        .map(|reading| Sighting {
             link: nominal_link(setup, reading),
-            reading,
+            target: reading.target,
+            position: reading.position,
+            orientation: reading.orientation,
+            weight: 1.0,
         })
         .collect();
-    let sums = Sums::new(campaign, &pairs);
-    let turn = tracker_rotation(campaign, &pairs);
-    let known = matches!(campaign.base_from_tracker, Frame::Known(_));
+    let known = Known {
+        tracker: &campaign.base_from_tracker,
+        targets: &campaign.link_from_target,
+    };
+    frames_of(known, &sightings, By::Orientations)
+}
+
+/// The same from plain numbers.
+pub fn frames_of(known: Known<'_>, sightings: &[Sighting], by: By) -> Start {
+    let sums = Sums::new(known, sightings);
+    let turn = match (known.tracker, by) {
+        (Frame::Known(pose), _) => Some(pose.rotation.to_rotation_matrix()),
+        (_, By::Orientations) => tracker_rotation(known.targets, sightings),
+        (_, By::Positions(_)) => None,
+    };
+    let rounds = match by {
+        By::Orientations => ROUNDS,
+        By::Positions(rounds) => rounds,
+    };
+    let is_known = matches!(known.tracker, Frame::Known(_));
     let rotation = match turn {
-        Some(turn) if known || sums.rms(&sums.places(&turn)) <= GROSS * spread(&pairs) => turn,
+        Some(turn) if is_known || sums.rms(&sums.places(&turn)) <= GROSS * spread(sightings) => {
+            turn
+        }
         // orientations about one axis alone, as a SCARA's, leave the turn about it open
-        Some(turn) => sums.better(turn, from_positions(&sums)),
-        None => from_positions(&sums),
+        Some(turn) => sums.better(turn, from_positions(&sums, rounds)),
+        None => from_positions(&sums, rounds),
     };
     let places = sums.places(&rotation);
     let place = |first: usize| Translation3::from(places.fixed_rows::<3>(first).into_owned());
-    let targets = (0..campaign.targets.len())
-        .map(|target| match campaign.link_from_target[target] {
+    let targets = (0..known.targets.len())
+        .map(|target| match known.targets[target] {
             Frame::Known(pose) => pose,
             Frame::Estimate => Isometry3::from_parts(
                 place(TARGETS + 3 * target),
-                UnitQuaternion::from_rotation_matrix(&target_rotation(&pairs, &rotation, target)),
+                UnitQuaternion::from_rotation_matrix(&target_rotation(
+                    sightings, &rotation, target,
+                )),
             ),
         })
         .collect();
-    let base_from_tracker = match campaign.base_from_tracker {
+    let base_from_tracker = match *known.tracker {
         Frame::Known(pose) => pose,
         Frame::Estimate => Isometry3::from_parts(
             place(TRACKER),
@@ -77,40 +130,35 @@ pub fn frames(campaign: &Campaign, setup: &Setup, readings: &[&Reading]) -> Star
 }
 
 /// Root mean square of the positions about their mean, m.
-fn spread(pairs: &[Pair]) -> f64 {
-    let count = pairs.len().max(1) as f64;
-    let mean = pairs
+fn spread(sightings: &[Sighting]) -> f64 {
+    let count = sightings.len().max(1) as f64;
+    let mean = sightings
         .iter()
-        .map(|pair| pair.reading.position)
+        .map(|sighting| sighting.position)
         .sum::<Vector3<f64>>()
         / count;
-    let squares = pairs
+    let squares = sightings
         .iter()
-        .map(|pair| (pair.reading.position - mean).norm_squared());
+        .map(|sighting| (sighting.position - mean).norm_squared());
     (squares.sum::<f64>() / count).sqrt()
 }
 
 /// base_from_link of the nominal, unloaded robot.
-fn nominal_link(setup: &Setup, reading: &Reading) -> Isometry3<f64> {
+pub fn nominal_link(setup: &Setup, reading: &Reading) -> Isometry3<f64> {
     let link = &setup.robot.links[setup.targets[reading.target].link];
     setup.robot.body_poses(&reading.joints)[link.body] * link.body_from_link
 }
 
-/// The tracker's rotation in the base frame if it is known or the readings hold orientations.
-fn tracker_rotation(campaign: &Campaign, pairs: &[Pair]) -> Option<Rotation3<f64>> {
-    if let Frame::Known(pose) = campaign.base_from_tracker {
-        return Some(pose.rotation.to_rotation_matrix());
-    }
+/// The tracker's rotation in the base frame as the orientations say it, if there are any.
+fn tracker_rotation(targets: &[Frame], pairs: &[Sighting]) -> Option<Rotation3<f64>> {
     // a target whose own rotation is known says it directly
     let mut sum = Matrix3::zeros();
     for pair in pairs {
-        if let (Frame::Known(target), Some(seen)) = (
-            campaign.link_from_target[pair.reading.target],
-            pair.reading.orientation,
-        ) {
+        if let (Frame::Known(target), Some(seen)) = (targets[pair.target], pair.orientation) {
             sum += (pair.link.rotation * target.rotation * seen.inverse())
                 .to_rotation_matrix()
-                .into_inner();
+                .into_inner()
+                * pair.weight;
         }
     }
     if sum != Matrix3::zeros() {
@@ -118,22 +166,18 @@ fn tracker_rotation(campaign: &Campaign, pairs: &[Pair]) -> Option<Rotation3<f64
     }
     // otherwise the target with most orientations
     let count = |target: usize| {
-        let of_target = pairs.iter().filter(|p| p.reading.target == target);
-        of_target
-            .filter(|p| p.reading.orientation.is_some())
-            .count()
+        let of_target = pairs.iter().filter(|p| p.target == target);
+        of_target.filter(|p| p.orientation.is_some()).count()
     };
-    let target = (0..campaign.targets.len())
-        .rev()
-        .max_by_key(|&t| count(t))?;
+    let target = (0..targets.len()).rev().max_by_key(|&t| count(t))?;
     let mut kronecker = SMatrix::<f64, 9, 9>::zeros();
-    for pair in pairs.iter().filter(|p| p.reading.target == target) {
-        let Some(seen) = pair.reading.orientation else {
+    for pair in pairs.iter().filter(|p| p.target == target) {
+        let Some(seen) = pair.orientation else {
             continue;
         };
         let a = pair.link.rotation.to_rotation_matrix().into_inner();
         let b = seen.to_rotation_matrix().into_inner();
-        kronecker += b.kronecker(&a);
+        kronecker += b.kronecker(&a) * pair.weight;
     }
     if count(target) == 0 {
         return None;
@@ -142,8 +186,8 @@ fn tracker_rotation(campaign: &Campaign, pairs: &[Pair]) -> Option<Rotation3<f64
         // one reading cannot tell tracker from target: leave the target unturned
         let pair = pairs
             .iter()
-            .find(|p| p.reading.target == target && p.reading.orientation.is_some())?;
-        let seen = pair.reading.orientation?;
+            .find(|p| p.target == target && p.orientation.is_some())?;
+        let seen = pair.orientation?;
         return Some((pair.link.rotation * seen.inverse()).to_rotation_matrix());
     }
     if kronecker.iter().any(|x| !x.is_finite()) {
@@ -162,10 +206,10 @@ fn tracker_rotation(campaign: &Campaign, pairs: &[Pair]) -> Option<Rotation3<f64
 }
 
 /// Mean of `Aᵀ X B` over a target's readings; no turn where none has an orientation.
-fn target_rotation(pairs: &[Pair], tracker: &Rotation3<f64>, target: usize) -> Rotation3<f64> {
+fn target_rotation(pairs: &[Sighting], tracker: &Rotation3<f64>, target: usize) -> Rotation3<f64> {
     let mut sum = Matrix3::zeros();
-    for pair in pairs.iter().filter(|p| p.reading.target == target) {
-        if let Some(seen) = pair.reading.orientation {
+    for pair in pairs.iter().filter(|p| p.target == target) {
+        if let Some(seen) = pair.orientation {
             sum += pair
                 .link
                 .rotation
@@ -173,7 +217,8 @@ fn target_rotation(pairs: &[Pair], tracker: &Rotation3<f64>, target: usize) -> R
                 .into_inner()
                 .transpose()
                 * tracker.matrix()
-                * seen.to_rotation_matrix().matrix();
+                * seen.to_rotation_matrix().matrix()
+                * pair.weight;
         }
     }
     if sum == Matrix3::zeros() {
@@ -202,28 +247,28 @@ struct Sums {
 }
 
 impl Sums {
-    fn new(campaign: &Campaign, pairs: &[Pair]) -> Self {
-        let count = TARGETS + 3 * campaign.targets.len() + 1;
+    fn new(known_frames: Known<'_>, pairs: &[Sighting]) -> Self {
+        let count = TARGETS + 3 * known_frames.targets.len() + 1;
         let mut form = DMatrix::<f64>::zeros(count, count);
         for pair in pairs {
             let mut rows = DMatrix::<f64>::zeros(3, count);
             for axis in 0..3 {
                 for k in 0..3 {
-                    rows[(axis, 3 * k + axis)] = -pair.reading.position[k];
+                    rows[(axis, 3 * k + axis)] = -pair.position[k];
                 }
                 rows[(axis, TRACKER + axis)] = -1.0;
                 rows[(axis, count - 1)] = pair.link.translation.vector[axis];
             }
             let turn = pair.link.rotation.to_rotation_matrix();
-            rows.fixed_view_mut::<3, 3>(0, TARGETS + 3 * pair.reading.target)
+            rows.fixed_view_mut::<3, 3>(0, TARGETS + 3 * pair.target)
                 .copy_from(turn.matrix());
-            form.gemm_tr(1.0, &rows, &rows, 1.0);
+            form.gemm_tr(pair.weight, &rows, &rows, 1.0);
         }
         let mut known = DVector::zeros(count);
         known[count - 1] = 1.0;
         let mut unknown = Vec::new();
-        let frames = std::iter::once((TRACKER, &campaign.base_from_tracker));
-        let targets = (TARGETS..).step_by(3).zip(&campaign.link_from_target);
+        let frames = std::iter::once((TRACKER, known_frames.tracker));
+        let targets = (TARGETS..).step_by(3).zip(known_frames.targets);
         for (first, frame) in frames.chain(targets) {
             match frame {
                 Frame::Known(pose) => known
@@ -289,15 +334,12 @@ impl Sums {
 }
 
 /// Positions alone: rotation and places in turns, from many starts.
-fn from_positions(sums: &Sums) -> Rotation3<f64> {
-    /// Rounds from one start at most; each is a few products of small matrices.
-    const ROUNDS: usize = 40;
-    let starts = sums.linear_rotation().into_iter().chain(cube_rotations());
-    let reached = starts.map(|start| {
+fn from_positions(sums: &Sums, rounds: usize) -> Rotation3<f64> {
+    let reach = |start: Rotation3<f64>, rounds: usize| {
         let mut rotation = start;
         let mut places = sums.places(&rotation);
         let mut rms = sums.rms(&places);
-        for _ in 0..ROUNDS {
+        for _ in 0..rounds {
             rotation = sums.rotation(&places);
             places = sums.places(&rotation);
             let next = sums.rms(&places);
@@ -308,9 +350,15 @@ fn from_positions(sums: &Sums) -> Rotation3<f64> {
             }
         }
         (rms, rotation)
-    });
+    };
+    let starts = sums.linear_rotation().into_iter().chain(cube_rotations());
+    let reached = starts.map(|start| reach(start, rounds));
     let best = reached.min_by(|a, b| a.0.total_cmp(&b.0));
-    best.map_or_else(Rotation3::identity, |(_, rotation)| rotation)
+    match best {
+        Some((_, rotation)) if rounds < ROUNDS => reach(rotation, ROUNDS).1,
+        Some((_, rotation)) => rotation,
+        None => Rotation3::identity(),
+    }
 }
 
 /// Pseudo-inverse of a positive semidefinite matrix.

@@ -1,0 +1,75 @@
+//! Findings about a campaign's data: for people, and as JSON.
+
+use misfit_core::findings::{Finding, Severity, lines_in_words};
+use serde::Serialize;
+
+/// `misfit.check/1`.
+#[derive(Debug, Serialize)]
+pub struct CheckDocument<'a> {
+    schema: &'static str,
+    campaign: &'a str,
+    readings: usize,
+    findings: &'a [Finding],
+}
+
+/// The document of `misfit check`.
+pub fn document<'a>(
+    campaign: &'a misfit_campaign::Campaign,
+    findings: &'a [Finding],
+) -> CheckDocument<'a> {
+    CheckDocument {
+        schema: "misfit.check/1",
+        campaign: &campaign.name,
+        readings: campaign.readings.len(),
+        findings,
+    }
+}
+
+/// The word of a severity.
+pub fn word(severity: Severity) -> &'static str {
+    match severity {
+        Severity::Error => "error",
+        Severity::Warning => "warning",
+        Severity::Note => "note",
+    }
+}
+
+/// A finding in a few lines: what, where, evidence and remedy.
+pub fn text(finding: &Finding) -> String {
+    let mut text = format!("{:<8} {}", word(finding.severity), finding.what);
+    if !finding.lines.is_empty() {
+        text += &format!(" ({})", lines_in_words(&finding.lines));
+    }
+    text.push('\n');
+    for part in [&finding.evidence, &finding.remedy] {
+        if !part.is_empty() {
+            let sign = if std::ptr::eq(part, &finding.remedy) {
+                "→ "
+            } else {
+                ""
+            };
+            text += &format!("         {sign}{part}\n");
+        }
+    }
+    text
+}
+
+/// All findings of a campaign as `misfit check` prints them.
+pub fn check(campaign: &misfit_campaign::Campaign, findings: &[Finding]) -> String {
+    let mut text = format!(
+        "{} · robot {} · {} readings\n",
+        campaign.name,
+        campaign.robot.name,
+        campaign.readings.len()
+    );
+    for finding in findings {
+        text += &self::text(finding);
+    }
+    let count = |severity| findings.iter().filter(|f| f.severity == severity).count();
+    let counts = [Severity::Error, Severity::Warning, Severity::Note].map(|severity| {
+        let count = count(severity);
+        let plural = if count == 1 { "" } else { "s" };
+        format!("{count} {}{plural}", word(severity))
+    });
+    text + &format!("findings {}\n", counts.join(" · "))
+}
