@@ -1,7 +1,7 @@
 //! Arguments and endings that the commands which fit a campaign share.
 
 use super::record::Record;
-use super::{Outcome, report as pages};
+use super::{Outcome, page};
 use crate::campaign::Campaign;
 use crate::effects::{AnyEffect, EffectList};
 use crate::fit::{Fit, Options};
@@ -126,7 +126,7 @@ impl Effort {
 #[derive(Debug, clap::Args)]
 pub struct Outputs {
     /// Write the result as one HTML page too, with pictures.
-    #[arg(long, value_name = "FILE.html", value_parser = pages::html_path)]
+    #[arg(long, value_name = "FILE.html", value_parser = page::html_path)]
     pub report: Option<PathBuf>,
     #[command(flatten)]
     pub record: Record,
@@ -186,8 +186,8 @@ impl Outputs {
                 next: found.next,
                 seed: None,
             };
-            pages::write(file, campaign, &found.page, &origin)?;
-            report = format!("{}\n", pages::line(file));
+            page::write(file, campaign, &found.page, &origin)?;
+            report = format!("{}\n", page::line(file));
         }
         Ok(Written { report, record })
     }

@@ -13,6 +13,7 @@ mod import;
 mod ladder;
 mod map;
 mod opened;
+mod page;
 mod pictures;
 mod plan;
 mod progress;

@@ -1,17 +1,15 @@
 //! `misfit report`, and `--report` of the commands that have a result to show.
 
 use super::arguments::{Candidates, Effects, Effort, outcome};
-use super::{Outcome, print, progress};
-use crate::campaign::{Campaign, write_atomically};
+use super::{Outcome, page, print, progress};
+use crate::campaign::Campaign;
 use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::ladder;
 use crate::plan::Separation;
 use crate::report::diagnosis::{rejected, words_of_verdict};
 use crate::report::format::{count, wrap};
-use crate::report::html::{Origin, Results, Step, page};
-use anyhow::Context;
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use crate::report::html::{Origin, Results, Step};
+use std::path::PathBuf;
 
 /// Put a campaign on one page: verdict, falling error, what carries it, where, parameters, what to do next.
 ///
@@ -30,19 +28,10 @@ pub struct Arguments {
     #[command(flatten)]
     candidates: Candidates,
     /// Where to write the page.
-    #[arg(short, long, value_name = "FILE.html", default_value = "report.html", value_parser = html_path)]
+    #[arg(short, long, value_name = "FILE.html", default_value = "report.html", value_parser = page::html_path)]
     output: PathBuf,
     #[command(flatten)]
     effort: Effort,
-}
-
-/// A path that a browser opens, and that nothing is read from.
-pub(super) fn html_path(text: &str) -> Result<PathBuf, String> {
-    let path = PathBuf::from(text);
-    match path.extension() {
-        Some(ending) if ending == "html" => Ok(path),
-        _ => Err("accepted: a path ending in .html".to_owned()),
-    }
 }
 
 /// Runs the command.
@@ -69,7 +58,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         ladder: &ladder,
         next: next.as_ref(),
     };
-    write(&arguments.output, &campaign, &results, &origin)?;
+    page::write(&arguments.output, &campaign, &results, &origin)?;
     spinner.finish_and_clear();
     let commands: Vec<&str> = origin.next.iter().map(|s| s.command.as_str()).collect();
     let mut title = format!(
@@ -85,7 +74,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         "{}\n{}\n\n{}\nnext     {}\n",
         wrap(&title, 9),
         wrap(&words_of_verdict(&ladder.last), 9),
-        line(&arguments.output),
+        page::line(&arguments.output),
         commands.join("\n         ")
     ))?;
     Ok(outcome(&ladder.last.fit))
@@ -137,21 +126,4 @@ pub(super) fn tell_apart(a: &str, b: &str, command: String) -> Step {
         format!("measure poses that tell {a} from {b}; this lists them as a table"),
         command,
     )
-}
-
-/// Writes the page; an old file stays whole if it cannot be.
-pub(super) fn write(
-    path: &Path,
-    campaign: &Campaign,
-    results: &Results<'_>,
-    origin: &Origin,
-) -> anyhow::Result<()> {
-    let text = page(campaign, results, origin)?;
-    write_atomically(path, |file| file.write_all(text.as_bytes()))
-        .with_context(|| format!("{}: cannot be written", path.display()))
-}
-
-/// Says where it is.
-pub(super) fn line(path: &Path) -> String {
-    format!("report   {}", path.display())
 }

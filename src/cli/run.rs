@@ -1,8 +1,7 @@
 //! `misfit run`.
 
 use super::{
-    Outcome, drill, make_folder, map, print, print_json, progress, record, report as pages,
-    simulate,
+    Outcome, drill, make_folder, map, page, print, print_json, progress, record, simulate,
 };
 use crate::fit::{self, Options};
 use crate::model_file;
@@ -29,7 +28,7 @@ pub struct Arguments {
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Write the fit as one HTML page too, with pictures.
-    #[arg(long, value_name = "FILE.html", value_parser = pages::html_path)]
+    #[arg(long, value_name = "FILE.html", value_parser = page::html_path)]
     report: Option<PathBuf>,
     /// Print the result as JSON.
     #[arg(long)]
@@ -133,7 +132,7 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
             fit: &found,
             baseline: Some(&baseline),
         };
-        pages::write(file, &campaign, &results, &origin)?;
+        page::write(file, &campaign, &results, &origin)?;
     }
     if let Some(folder) = &arguments.output {
         let path = folder.join(format!("{}.mcap", scenario.name));
