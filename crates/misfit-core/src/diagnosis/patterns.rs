@@ -384,15 +384,7 @@ fn pulls(
     let seen: Vec<Seen> = (seen.par_iter())
         .map(|seen| seen.grouped(&posture_of, count))
         .collect();
-    // products of the motions of two joints, by posture
-    let mut cross = vec![vec![DVector::zeros(count); seen.len()]; seen.len()];
-    for (motion, &posture) in motions.iter().zip(&posture_of) {
-        for (a, one) in motion.rates.column_iter().enumerate() {
-            for (b, other) in motion.rates.column_iter().enumerate().take(a + 1) {
-                cross[a][b][posture] += one.dot(&other);
-            }
-        }
-    }
+    let cross = products(motions, &posture_of, seen.len(), count);
     let member = |&joint: &usize| -> Member {
         let body = joint + 1;
         let places = postures.iter().map(|poses| poses[body].translation.vector);
@@ -459,6 +451,24 @@ fn pulls(
         .collect();
     let members = pulled.par_iter().map(member).collect();
     best("pose", members, against)
+}
+
+/// Products of the motions of two of so many joints, the first not before the second, summed by posture.
+fn products(
+    motions: &[Motion],
+    posture_of: &[usize],
+    joints: usize,
+    postures: usize,
+) -> Vec<Vec<DVector<f64>>> {
+    let mut cross = vec![vec![DVector::zeros(postures); joints]; joints];
+    for (motion, &posture) in motions.iter().zip(posture_of) {
+        for (a, one) in motion.rates.column_iter().enumerate() {
+            for (b, other) in motion.rates.column_iter().enumerate().take(a + 1) {
+                cross[a][b][posture] += one.dot(&other);
+            }
+        }
+    }
+    cross
 }
 
 /// Forces of a pull: constant, and symmetric in the place.

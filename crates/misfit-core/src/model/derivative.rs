@@ -59,7 +59,7 @@ impl Workspace {
         jacobian.fill(0.0);
         self.entries.clear();
         for index in 0..model.terms.len() {
-            self.term_entries(model, index, p, wanted, reading, jacobian);
+            self.term_entries(model, index, (p, wanted), reading, jacobian);
         }
         let entries = std::mem::take(&mut self.entries);
         for entry in &entries {
@@ -259,8 +259,7 @@ impl Workspace {
         &mut self,
         model: &Model,
         index: usize,
-        p: &[f64],
-        wanted: &[bool],
+        (p, wanted): (&[f64], &[bool]),
         reading: &Reading,
         jacobian: &mut Rows,
     ) {

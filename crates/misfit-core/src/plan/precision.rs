@@ -104,19 +104,7 @@ pub fn precise(
     on_step("candidates");
     let information = Information::gather(task, task.model, task.values, &free)?;
     let (weight, noise) = test_poses(task, &free)?;
-    let criterion: Box<dyn Criterion> = match aim {
-        Aim::D => Box::new(Determinant::of(&of_interest, free.len())),
-        Aim::A if interest.is_empty() => Box::new(Variances {
-            weight: weight.clone(),
-        }),
-        Aim::A => {
-            let mut weight = DMatrix::zeros(free.len(), free.len());
-            for &k in &of_interest {
-                weight[(k, k)] = 1.0;
-            }
-            Box::new(Variances { weight })
-        }
-    };
+    let criterion = criterion(aim, (!interest.is_empty()).then_some(&of_interest), &weight);
     let plan = Plan {
         task,
         free: &free,
@@ -170,6 +158,29 @@ pub fn precise(
         noise,
         curve,
     })
+}
+
+/// What is to be small: of the columns of interest, or of all parameters, that have this weight at the test poses.
+fn criterion(
+    aim: Aim,
+    of_interest: Option<&Vec<usize>>,
+    weight: &DMatrix<f64>,
+) -> Box<dyn Criterion> {
+    let count = weight.ncols();
+    match (aim, of_interest) {
+        (Aim::D, Some(columns)) => Box::new(Determinant::of(columns, count)),
+        (Aim::D, None) => Box::new(Determinant::of(&(0..count).collect::<Vec<_>>(), count)),
+        (Aim::A, None) => Box::new(Variances {
+            weight: weight.clone(),
+        }),
+        (Aim::A, Some(columns)) => {
+            let mut weight = DMatrix::zeros(count, count);
+            for &k in columns {
+                weight[(k, k)] = 1.0;
+            }
+            Box::new(Variances { weight })
+        }
+    }
 }
 
 /// What the figures of a design follow from.
