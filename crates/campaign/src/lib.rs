@@ -6,6 +6,7 @@
 pub mod bag;
 mod check;
 mod columns;
+mod condition;
 mod decimal;
 mod delimited;
 mod document;
@@ -33,6 +34,7 @@ mod units;
 mod workbook;
 mod write;
 
+pub use condition::{Condition, conditions, pose_key, repeats};
 pub use document::Settings;
 pub use error::CampaignError;
 pub use read::{Tasks, read_tasks};

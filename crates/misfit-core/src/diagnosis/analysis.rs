@@ -10,7 +10,7 @@ use super::prediction::{self, Gain};
 use super::ripple::{self, Wave};
 use super::score::{Against, Gram, Information};
 use super::{ALARM, Candidate, CannotSee, MOST, NEAR, VISIBLE, fitted, folds, motion, search};
-use crate::campaign::{Campaign, Reading};
+use crate::campaign::{Campaign, Reading, conditions};
 use crate::effects::{AnyEffect, CATALOGUE, Role};
 use crate::fit::noise::{self, Source};
 use crate::fit::{self, Fit};
@@ -206,7 +206,11 @@ pub(super) fn analyse(
     };
     let test = || {
         let field = field(&readings, &whiteners, &blocks, &gram, base);
-        let contrasts = contrasts::contrasts(&field, &against);
+        let contrasts = contrasts::contrasts(
+            &field,
+            &conditions(&readings, campaign.noise.as_ref()),
+            &against,
+        );
         (
             contrasts,
             patterns::patterns(&field, fit, &motions, &against),

@@ -5,9 +5,8 @@
 //! columns, noise alone gives `tr C - ‖C Q‖²`.
 
 use super::score::Against;
-use crate::campaign::Reading;
+use crate::campaign::{Condition, Reading};
 use crate::fit::alike::{members, numbered};
-use crate::fit::pose_key;
 use nalgebra::{DMatrix, DMatrixView, DVector};
 use rayon::prelude::*;
 
@@ -55,20 +54,15 @@ const TOGETHER: usize = 512;
 const FEWEST: f64 = 3.0;
 
 /// All contrasts that the design has.
-pub fn contrasts(field: &Field, against: &Against) -> Vec<Contrast> {
-    let readings = field.readings;
-    let own = readings.iter().enumerate();
-    let poses = numbered(own.map(|(index, r)| (r.target, pose_key(r), field.rows(index))));
-    let loads = numbered(readings.iter().map(|reading| weight(reading)));
-    let approach = |r: &&Reading| r.approach.iter().flatten().map(|x| x.to_bits()).collect();
-    let directions = numbered(readings.iter().map(|r| -> Vec<u64> { approach(r) }));
+pub fn contrasts(field: &Field, conditions: &[Condition], against: &Against) -> Vec<Contrast> {
     let groups = |load: bool, direction: bool| {
-        let key = |index: usize| {
-            let load = if load { loads[index] } else { 0 };
-            let direction = if direction { directions[index] } else { 0 };
-            (poses[index], load, direction)
+        let key = |(index, condition): (usize, &Condition)| {
+            let load = if load { condition.load } else { 0 };
+            let direction = if direction { condition.direction } else { 0 };
+            (condition.pose, field.rows(index), load, direction)
         };
-        Groups(members(&numbered((0..readings.len()).map(key))))
+        let keys = conditions.iter().enumerate().map(key);
+        Groups(members(&numbered(keys)))
     };
     let pose = groups(false, false);
     let load = groups(true, false);
@@ -96,16 +90,6 @@ pub fn contrasts(field: &Field, against: &Against) -> Vec<Contrast> {
     }
     add("repeat", Moment::all(field), both.moment(field));
     found
-}
-
-/// What tells the loads of one pose apart.
-fn weight(reading: &Reading) -> Option<u64> {
-    match (reading.payload, reading.wrench) {
-        (Some(payload), _) => Some(payload.mass.to_bits()),
-        // wrenches carry noise: tell loads apart by the newton
-        (None, Some(wrench)) => Some(wrench.force.norm().round().to_bits()),
-        (None, None) => None,
-    }
 }
 
 /// Sum of squares of a projected residual, and what noise of unit variance gives.

@@ -24,7 +24,7 @@ mod search;
 pub use contrasts::Contrast;
 
 use crate::campaign::wrench_is_measured;
-use crate::campaign::{Campaign, Reading, Split};
+use crate::campaign::{Campaign, Reading, Split, conditions};
 use crate::effects::{AnyEffect, Role};
 use crate::fit::alike::together;
 use crate::fit::noise::{self, Source};
@@ -548,10 +548,11 @@ fn reject(campaign: &mut Campaign, fit: &Fit) -> Vec<usize> {
         .zip(&whiteners)
         .map(|(row, whitener)| whitener.squares(row) / whitener.rows as f64 / fit.noise.factor)
         .collect();
-    let mut lines: Vec<usize> = screen::outliers(&fitted, &squares)
-        .into_iter()
-        .map(|index| fitted[index].line)
-        .collect();
+    let mut lines: Vec<usize> =
+        screen::outliers(&conditions(&fitted, campaign.noise.as_ref()), &squares)
+            .into_iter()
+            .map(|index| fitted[index].line)
+            .collect();
     lines.sort_unstable();
     without(campaign, &lines);
     lines

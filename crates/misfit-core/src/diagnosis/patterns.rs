@@ -10,9 +10,10 @@
 use super::contrasts::Field;
 use super::motion::Motion;
 use super::score::{Against, Score, log_mean};
+use crate::campaign::pose_key;
 use crate::effects::Role;
+use crate::fit::Fit;
 use crate::fit::alike::{angles, members, numbered};
-use crate::fit::{Fit, pose_key};
 use crate::robot::JointKind;
 use nalgebra::{DMatrix, DVector, Isometry3, Vector3};
 use rayon::prelude::*;

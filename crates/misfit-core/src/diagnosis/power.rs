@@ -3,10 +3,9 @@
 use super::VISIBLE;
 use super::families::{Family, FamilyScore};
 use super::score::Information;
-use crate::campaign::Campaign;
-use crate::fit::pose_key;
+use crate::campaign::{Campaign, Condition, conditions};
 use rayon::prelude::*;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Sizes up to which one effect may stand in for another, typical ones.
 pub(super) const STRETCH: f64 = 3.2;
@@ -40,31 +39,19 @@ impl Power {
     /// The design alone.
     pub fn of(campaign: &Campaign) -> Self {
         let readings = super::fitted(campaign);
-        let (mut poses, mut loads, mut sides) = (BTreeSet::new(), BTreeSet::new(), BTreeSet::new());
-        let mut cells = std::collections::BTreeMap::new();
-        for reading in &readings {
-            let pose = (reading.target, pose_key(reading));
-            let load = match (reading.payload, reading.wrench) {
-                (Some(payload), _) => payload.mass.to_bits(),
-                // wrenches carry noise: tell loads apart by the newton
-                (None, Some(wrench)) => wrench.force.norm().round().to_bits(),
-                (None, None) => 0,
-            };
-            let side: Vec<u64> = reading
-                .approach
-                .iter()
-                .flatten()
-                .map(|x| x.to_bits())
-                .collect();
-            *cells.entry((pose.clone(), load, side.clone())).or_insert(0) += 1;
-            poses.insert(pose);
-            loads.insert(load);
-            sides.insert(side);
+        let conditions = conditions(&readings, campaign.noise.as_ref());
+        let count = |of: fn(&Condition) -> usize| {
+            let all: BTreeSet<usize> = conditions.iter().map(of).collect();
+            all.len()
+        };
+        let mut cells = BTreeMap::new();
+        for condition in &conditions {
+            *cells.entry(condition).or_insert(0) += 1;
         }
         Self {
-            poses: poses.len(),
-            loads: loads.len(),
-            directions: sides.len(),
+            poses: count(|c| c.pose),
+            loads: count(|c| c.load),
+            directions: count(|c| c.direction),
             repeats: cells.into_values().max().unwrap_or(0),
             orientation: readings.iter().any(|reading| reading.orientation.is_some()),
             wrench: readings

@@ -3,8 +3,7 @@
 //! Two in a hundred of them at ten sigma would make 93 % false alarms. Readings of another load are no measure:
 //! beside the unloaded ones of a pose, those under a payload of the wrong mass would all look like outliers.
 
-use crate::campaign::Reading;
-use crate::fit::pose_key;
+use crate::campaign::Condition;
 use std::collections::BTreeMap;
 
 /// Rejected from this mean square of whitened rows on ...
@@ -16,11 +15,10 @@ const ALONE: f64 = 6.0;
 const FEW: f64 = 0.1;
 
 /// Indices of outliers. `squares` is the mean square of each reading's whitened residual rows.
-pub fn outliers(readings: &[&Reading], squares: &[f64]) -> Vec<usize> {
+pub fn outliers(conditions: &[Condition], squares: &[f64]) -> Vec<usize> {
     let mut groups: BTreeMap<_, Vec<usize>> = BTreeMap::new();
-    for (index, reading) in readings.iter().enumerate() {
-        let load = reading.payload.map(|payload| payload.mass.to_bits());
-        let key = (reading.target, pose_key(reading), load);
+    for (index, condition) in conditions.iter().enumerate() {
+        let key = (condition.pose, condition.load);
         groups.entry(key).or_default().push(index);
     }
     let mut found = Vec::new();
@@ -35,7 +33,7 @@ pub fn outliers(readings: &[&Reading], squares: &[f64]) -> Vec<usize> {
         let far = |&&i: &&usize| squares[i] > FAR && squares[i] > ALONE * middle;
         found.extend(group.iter().filter(far).copied());
     }
-    if found.len() as f64 > FEW * readings.len() as f64 {
+    if found.len() as f64 > FEW * conditions.len() as f64 {
         return Vec::new();
     }
     found.sort_unstable();

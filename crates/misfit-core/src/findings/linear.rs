@@ -5,11 +5,12 @@
 //! poses that the others contradict lose their weight.
 
 use super::table::quantile;
+use crate::campaign::pose_key;
 use crate::campaign::{Campaign, Reading};
 use crate::effects::EffectList;
 use crate::fit::noise::{isotropic, whiteners};
 use crate::fit::solve::WEAK;
-use crate::fit::{CampaignProblem, pose_key, start_values};
+use crate::fit::{CampaignProblem, start_values};
 use crate::model_file;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::collections::BTreeMap;

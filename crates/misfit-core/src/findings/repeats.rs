@@ -3,8 +3,8 @@
 use super::doctor::length;
 use super::finding::{Finding, Severity};
 use super::table::quantile;
-use crate::campaign::{Campaign, MIN_REPEAT_DOF, Reading};
-use crate::fit::noise::{self, replicate_groups};
+use crate::campaign::{Campaign, MIN_REPEAT_DOF, Reading, repeats};
+use crate::fit::noise;
 use crate::fit::start_values;
 use crate::model_file;
 use nalgebra::{Matrix3, Vector3};
@@ -30,7 +30,7 @@ pub fn findings(campaign: &Campaign, readings: &[&Reading]) -> Vec<Finding> {
     if found.iter().any(|f| f.severity == Severity::Error) {
         return found;
     }
-    let groups = replicate_groups(campaign, readings);
+    let groups = repeats(readings, campaign.noise.as_ref());
     let clusters = clusters(readings, &groups);
     let mixed = clusters.is_some();
     found.extend(clusters);

@@ -6,8 +6,7 @@
 use super::finding::{Finding, Severity};
 use super::linear::{Left, LinearFit};
 use super::table::quantile;
-use crate::campaign::{Campaign, Reading};
-use crate::fit::noise::replicate_groups;
+use crate::campaign::{Campaign, Reading, repeats};
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 
 /// Rounds of rejection and of what the rest says.
@@ -144,7 +143,7 @@ pub fn of(campaign: &Campaign, readings: &[&Reading], fit: &mut LinearFit) -> St
     let (mut far, left) =
         by_model(fit).unwrap_or_else(|| (vec![false; readings.len()], Vec::new()));
     let size = |i: usize| left.get(i).map_or(0.0, |l| l.squares);
-    let groups = replicate_groups(campaign, readings);
+    let groups = repeats(readings, campaign.noise.as_ref());
     let positions: Vec<Vec<[f64; 3]>> = groups
         .iter()
         .map(|group| group.iter().map(|&i| readings[i].position.into()).collect())

@@ -5,7 +5,7 @@ use super::residuals::{Errors, residuals, summarise};
 use super::solve::{self, Linear, Problem};
 use super::triangle::triangle;
 use super::{CampaignProblem, Fit, alike, start_values};
-use crate::campaign::{Campaign, Reading};
+use crate::campaign::{Campaign, Reading, pose_key};
 use crate::model::Row;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -20,17 +20,6 @@ const STRAIGHT: f64 = 1e-4;
 /// About so many poses of each fold say how a step is straightened, neighbours of all folds together: what changes from pose
 /// to pose in a design is there.
 const SOME: usize = 25;
-
-/// Label of a reading's pose for grouping: its own, or its encoder angles.
-pub fn pose_key(reading: &Reading) -> (String, Vec<u64>) {
-    match &reading.pose {
-        Some(label) => (label.clone(), Vec::new()),
-        None => (
-            String::new(),
-            reading.joints.iter().map(|x| x.to_bits()).collect(),
-        ),
-    }
-}
 
 /// Pose of each reading, numbered in order of appearance.
 fn poses(readings: &[&Reading]) -> Vec<usize> {

@@ -25,7 +25,7 @@ use rayon::prelude::*;
 use solve::{Problem, Solution};
 use std::sync::Arc;
 
-pub use cross_validation::{FOLDS, folds, pose_key};
+pub use cross_validation::{FOLDS, folds};
 pub use problem::CampaignProblem;
 pub use rank::{LOST, Status, Unobservable};
 pub use residuals::{Errors, errors, residuals};
@@ -502,7 +502,7 @@ fn estimate(
     on_step: &mut impl FnMut(&str),
 ) -> Result<Estimate, FitError> {
     let with_orientation = readings.iter().any(|reading| reading.orientation.is_some());
-    let groups = noise::replicate_groups(campaign, readings);
+    let groups = crate::campaign::repeats(readings, campaign.noise.as_ref());
     let free: Vec<usize> = model
         .parameters()
         .enumerate()

@@ -7,7 +7,7 @@
 use super::alike::Alike;
 use crate::campaign::MIN_REPEAT_DOF;
 use crate::campaign::wrench_is_measured;
-use crate::campaign::{Campaign, Noise, Reading};
+use crate::campaign::{Noise, Reading};
 use crate::dual_quaternion::rotation_vector;
 use crate::model::{Model, Row, Rows, Workspace, stacked};
 use nalgebra::{Matrix3, Matrix6, Vector3};
@@ -204,60 +204,6 @@ pub fn isotropic(position: f64, orientation: f64) -> Noise {
         orientation,
         ..Noise::default()
     }
-}
-
-/// Readings that should agree but for noise: same target, pose, load and direction.
-///
-/// Indices into `readings`; only groups of two and more. Poses without a label are the same if the encoder
-/// angles are, to the bit.
-pub fn replicate_groups(campaign: &Campaign, readings: &[&Reading]) -> Vec<Vec<usize>> {
-    let bits = |x: &f64| x.to_bits();
-    let key = |(index, reading): (usize, &&Reading)| {
-        let pose = match &reading.pose {
-            Some(label) => (label.clone(), Vec::new()),
-            None => (String::new(), reading.joints.iter().map(bits).collect()),
-        };
-        let approach: Vec<u64> = reading.approach.iter().flatten().map(bits).collect();
-        let payload = reading
-            .payload
-            .map(|p| [p.mass, p.com.x, p.com.y, p.com.z].map(f64::to_bits));
-        ((reading.target, pose, approach, payload), index)
-    };
-    let mut keys: Vec<_> = readings.par_iter().enumerate().map(key).collect();
-    keys.par_sort_unstable();
-    let groups = keys.chunk_by(|a, b| a.0 == b.0);
-    groups
-        .map(|group| group.iter().map(|&(_, index)| index).collect())
-        .flat_map(|group| by_wrench(campaign, readings, group))
-        .filter(|group| group.len() > 1)
-        .collect()
-}
-
-/// Splits a group by load where only the wrench tells: wrenches within 6 sigma, or 2 % of the force, of the
-/// first of a subgroup belong together.
-fn by_wrench(campaign: &Campaign, readings: &[&Reading], group: Vec<usize>) -> Vec<Vec<usize>> {
-    let sigma = campaign.noise.map_or(0.0, |noise| noise.force);
-    let mut subgroups: Vec<Vec<usize>> = Vec::new();
-    for index in group {
-        let (Some(wrench), None) = (readings[index].wrench, readings[index].payload) else {
-            match subgroups.first_mut() {
-                Some(first) => first.push(index),
-                None => subgroups.push(vec![index]),
-            }
-            continue;
-        };
-        let near = |other: &Vec<usize>| {
-            readings[other[0]].wrench.is_some_and(|w| {
-                let reach = (6.0 * sigma).max(0.02 * w.force.norm()).max(1e-6);
-                (w.force - wrench.force).norm() <= reach
-            })
-        };
-        match subgroups.iter_mut().find(|other| near(other)) {
-            Some(other) => other.push(index),
-            None => subgroups.push(vec![index]),
-        }
-    }
-    subgroups
 }
 
 /// Pure error: mean square of repeats about their means.

@@ -9,8 +9,8 @@
 //! cause, and every row counts alike, metres/2 beside radians/2. What it needs and takes as known, the frames,
 //! comes from a weighted fit of frames and geometry to the unloaded readings.
 
-use super::{Fit, FitError, Options, pose_key};
-use crate::campaign::{Campaign, Payload, Reading, Split};
+use super::{Fit, FitError, Options};
+use crate::campaign::{Campaign, Payload, Reading, Split, conditions};
 use crate::dual_quaternion::{DualQuaternion, Vector8};
 use crate::effects::{EffectList, Role};
 use crate::model::Model;
@@ -161,18 +161,16 @@ struct Pair<'a> {
 }
 
 fn pairs(campaign: &Campaign, is_loaded: impl Fn(&Reading) -> bool) -> Vec<Pair<'_>> {
+    let readings: Vec<&Reading> = campaign
+        .readings
+        .iter()
+        .filter(|reading| reading.split == Split::Fit && reading.orientation.is_some())
+        .collect();
+    let conditions = conditions(&readings, campaign.noise.as_ref());
     let mut groups: BTreeMap<_, Vec<&Reading>> = BTreeMap::new();
-    for reading in &campaign.readings {
-        if reading.split == Split::Fit && reading.orientation.is_some() {
-            let approach: Vec<u64> = reading
-                .approach
-                .iter()
-                .flatten()
-                .map(|x| x.to_bits())
-                .collect();
-            let key = (reading.target, pose_key(reading), approach);
-            groups.entry(key).or_default().push(reading);
-        }
+    for (reading, condition) in readings.into_iter().zip(conditions) {
+        let key = (condition.pose, condition.direction);
+        groups.entry(key).or_default().push(reading);
     }
     let load_key = |payload: Option<Payload>| {
         payload.map(|p| [p.mass, p.com.x, p.com.y, p.com.z].map(f64::to_bits))

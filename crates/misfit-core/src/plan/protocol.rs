@@ -1,8 +1,8 @@
 //! How each pose is measured: on which targets, under which loads, from which directions, how often, with what.
 
+use crate::campaign::pose_key;
 use crate::campaign::wrench_is_measured;
 use crate::campaign::{Payload, Reading};
-use crate::fit::pose_key;
 use crate::setup::Setup;
 use nalgebra::Vector3;
 use std::collections::BTreeSet;

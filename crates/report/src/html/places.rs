@@ -3,8 +3,9 @@
 use super::{Picture, ReportError, Results, panel, picture, rms, thinned};
 use crate::format::length;
 use crate::plot::{Cloud, Content};
+use misfit_campaign::pose_key;
 use misfit_campaign::{Campaign, Reading};
-use misfit_core::fit::{Fit, pose_key, residuals};
+use misfit_core::fit::{Fit, residuals};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
