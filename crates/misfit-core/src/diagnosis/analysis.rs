@@ -6,12 +6,12 @@ use super::contrasts::{self, Contrast};
 use super::families::{Family, FamilyScore};
 use super::patterns::{self, Pattern};
 use super::power::{self, Power};
-use super::prediction::{self, Gain};
 use super::ripple::{self, Wave};
 use super::score::{Against, Gram, Information};
-use super::{ALARM, Candidate, CannotSee, MOST, NEAR, VISIBLE, fitted, folds, motion, search};
+use super::{ALARM, Candidate, CannotSee, MOST, NEAR, VISIBLE, fitted, motion, search};
 use crate::campaign::{Campaign, Reading};
 use crate::effects::{AnyEffect, CATALOGUE, Role};
+use crate::fit::leave_out::{self, Gain};
 use crate::fit::noise::{self, Source};
 use crate::fit::{self, Fit};
 use crate::model::Model;
@@ -267,8 +267,8 @@ fn gain(
     picked.extend(blocks.first().map(|block| block.ncols() - 1));
     let pick = |block: &DMatrix<f64>| block.select_columns(&picked);
     let rows = whiteners.iter().map(|whitener| whitener.rows);
-    let normals = folds::normals(readings, rows, blocks, pick);
-    prediction::gain(&normals, base, &priors, against.variance)
+    let normals = leave_out::by_folds(readings, rows, blocks, pick);
+    Gain::of(&normals, base, &priors, against.variance)
 }
 
 /// Why a campaign cannot see a family, if it cannot.

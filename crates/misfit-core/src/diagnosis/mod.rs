@@ -9,13 +9,11 @@ mod analysis;
 mod columns;
 mod contrasts;
 mod families;
-mod folds;
 mod form;
 mod motion;
 mod next;
 mod patterns;
 mod power;
-mod prediction;
 pub mod ripple;
 pub mod score;
 mod screen;
@@ -28,7 +26,7 @@ use crate::campaign::{Campaign, Reading, Split};
 use crate::effects::{AnyEffect, Role};
 use crate::fit::alike::together;
 use crate::fit::noise::{self, Source};
-use crate::fit::{self, CampaignProblem, Fit, FitError, Options};
+use crate::fit::{self, CampaignProblem, Fit, FitError, Options, leave_out};
 use crate::model::Model;
 use analysis::{Analysis, against, analyse, lacking};
 use form::Form;
@@ -507,10 +505,10 @@ fn predicts_better(campaign: &Campaign, base: &Fit, before: &Fit, after: &Fit) -
             CampaignProblem::new(&fit.model, &readings, &whiteners, &fit.free, &fit.values);
         let at: Vec<f64> = fit.free.iter().map(|&k| fit.values[k]).collect();
         let rows = whiteners.iter().map(|whitener| whitener.rows);
-        let normals = folds::normals(&readings, rows, &problem.blocks(&at), Clone::clone);
-        folds::cross_validated(&normals, &vec![fit::solve::WEAK; at.len()])
+        let normals = leave_out::by_folds(&readings, rows, &problem.blocks(&at), Clone::clone);
+        leave_out::predicted(&normals, &vec![fit::solve::WEAK; at.len()])
     };
-    folds::lower(&error(base), &error(before), &error(after))
+    leave_out::is_lower(&error(base), &error(before), &error(after))
 }
 
 /// A fit whose residuals are numbers: tests on others would not end. `near` is one with fewer effects.

@@ -4,6 +4,7 @@ use super::grid::{Grid, Moments, STEPS};
 use super::lane::{Columns, Lane};
 use super::sums::{Column, Sums};
 use crate::diagnosis::score::Against;
+use crate::fit::normal::Normal;
 use crate::fit::solve;
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
 use rayon::prelude::*;
@@ -74,7 +75,7 @@ impl<'a> Search<'a> {
         own_noise: bool,
     ) -> Self {
         let postures = sums.postures(folds);
-        let (rows, gram) = sums.base(folds);
+        let (rows, Normal(gram)) = sums.base(folds);
         let base = gram.nrows() - 1;
         let root = orthonormal(&gram.view((0, 0), (base, base)).into_owned());
         let along: DVector<f64> = root.tr_mul(&gram.view((0, base), (base, 1)).column(0));
