@@ -28,9 +28,9 @@ use search::{Peak, Search};
 use sums::Sums;
 
 /// Waves taken up at most in one search.
-const MOST: usize = 48;
+const MAX_WAVES: usize = 48;
 /// And in a first one.
-const FEW: usize = 16;
+const MAX_WAVES_AT_FIRST: usize = 16;
 
 /// One wave found.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -152,10 +152,10 @@ pub fn scan(
         let keep = predicting(&errors, most);
         (search, keep)
     };
-    let (mut search, mut keep) = grown(FEW);
+    let (mut search, mut keep) = grown(MAX_WAVES_AT_FIRST);
     // where the last half of them tells nothing of other poses, those to come would not either
-    if search.found.len() == FEW && keep > FEW / 2 {
-        (search, keep) = grown(MOST);
+    if search.found.len() == MAX_WAVES_AT_FIRST && keep > MAX_WAVES_AT_FIRST / 2 {
+        (search, keep) = grown(MAX_WAVES);
     }
     if keep == 0 {
         // no wave predicts poses that it has not seen
