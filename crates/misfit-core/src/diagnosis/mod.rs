@@ -423,6 +423,9 @@ pub fn diagnose_until(
 
 /// Refuses what would fill the memory, and laws of the user's own that have no value at a reading, before anything is
 /// computed.
+///
+/// # Errors
+/// If it would, or one has none.
 pub fn check(
     campaign: &Campaign,
     model: &Model,

@@ -73,6 +73,7 @@ impl EffectList {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)] // a test fails there
 mod tests {
     use super::*;
 

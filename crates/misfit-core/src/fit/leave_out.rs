@@ -177,6 +177,7 @@ fn errors(folds: &[Normal], priors: &[f64], variance: f64) -> Option<Gain> {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)] // a test fails there
 mod tests {
     use super::*;
     use crate::space::generator;
