@@ -425,7 +425,7 @@ pub fn diagnose_until(
 /// computed.
 ///
 /// # Errors
-/// If it would, or one has none.
+/// What is too large, or the reading at which a law has no value.
 pub fn check(
     campaign: &Campaign,
     model: &Model,
