@@ -553,3 +553,51 @@ fn every_parser_has_a_fuzz_target() {
         );
     }
 }
+
+#[test]
+fn effects_are_known_by_their_role_outside_of_the_catalogue() {
+    fn rust_files(folder: &Path) -> Vec<PathBuf> {
+        let entries = fs::read_dir(folder).unwrap();
+        let paths = entries.map(|entry| entry.unwrap().path());
+        let below = |path: PathBuf| match path.is_dir() {
+            true => rust_files(&path),
+            false => vec![path],
+        };
+        let files = paths.flat_map(below);
+        files
+            .filter(|path| path.extension().is_some_and(|ending| ending == "rs"))
+            .collect()
+    }
+    // there geometry is an element of a URDF
+    let element = Path::new("crates/misfit-core/src/export/urdf.rs");
+    let folders = [
+        "crates/misfit-core/src",
+        "crates/cell/src",
+        "crates/report/src",
+        "src",
+    ];
+    let files = folders.map(|folder| rust_files(Path::new(folder))).concat();
+    assert!(files.len() > 150, "the sources are not where they were");
+    for path in files
+        .iter()
+        .filter(|path| !path.starts_with("crates/misfit-core/src/effects"))
+    {
+        let text = fs::read_to_string(path).unwrap();
+        for line in code(&text) {
+            let named = CATALOGUE
+                .iter()
+                .find(|entry| line.contains(&format!("\"{}\"", entry.id)));
+            let is_element = named.is_some_and(|entry| entry.id == "geometry") && path == element;
+            assert!(
+                named.is_none() || is_element,
+                "{}: {line}: compare roles (effects::Role), not ids",
+                path.display()
+            );
+            assert!(
+                !line.contains("split_once('.')"),
+                "{}: {line}: a parameter says its joint (Parameter::joint)",
+                path.display()
+            );
+        }
+    }
+}

@@ -3,6 +3,7 @@
 use super::record::Record;
 use super::{Outcome, page};
 use crate::campaign::Campaign;
+use crate::effects::table::TableError;
 use crate::effects::{AnyEffect, EffectList};
 use crate::fit::{Fit, Options};
 use crate::model::Model;
@@ -23,11 +24,11 @@ pub struct Effects {
 
 impl Effects {
     /// The list that was given; the default model if none was.
-    pub fn list(&self) -> anyhow::Result<EffectList> {
-        Ok(match &self.effects {
-            Some(text) => EffectList::parse("--effects", text)?,
-            None => EffectList::DEFAULT,
-        })
+    pub fn list(&self) -> Result<EffectList, TableError> {
+        match &self.effects {
+            Some(text) => EffectList::parse("--effects", text),
+            None => Ok(EffectList::DEFAULT),
+        }
     }
 
     /// As given, with a space in front; empty if not.
@@ -55,8 +56,19 @@ impl ModelArguments {
 
     /// The model for a campaign.
     pub fn model(&self, campaign: &Campaign) -> anyhow::Result<Model> {
-        let list = self.effects.list()?;
-        Ok(model_file::model(campaign, &list, self.model.as_deref())?)
+        let file = self.model.as_deref();
+        let list = match (self.effects.list(), file) {
+            // a law of the model file, which alone knows its name
+            (Err(TableError::UnknownEffect { file, found, .. }), Some(own))
+                if model_file::read(own, campaign)?
+                    .iter()
+                    .any(|choice| choice.effect.id() == found) =>
+            {
+                return Err(TableError::Twice { file, found }.into());
+            }
+            (list, _) => list?,
+        };
+        Ok(model_file::model(campaign, &list, file)?)
     }
 
     /// The file as given, with a space in front; empty if not.

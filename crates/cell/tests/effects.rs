@@ -4,7 +4,7 @@ use crate::common::{LAWS, Part, Twins, about_typical, apart, effect_on, file, pa
 use crate::common::{pose_seen, posture, random, reading, sda5f, six_axis, sliding};
 use misfit_campaign::setup::Setup;
 use misfit_campaign::{Campaign, Frame, Noise, Payload, Reading, Wrench};
-use misfit_core::effects::{CATALOGUE, Stage};
+use misfit_core::effects::{CATALOGUE, Place, Stage};
 use misfit_core::fit::{Fit, Options, Status, fit};
 use misfit_core::model::{Model, Prediction, ROWS, Row, Rows, Workspace};
 use misfit_plant::instruments::Seen;
@@ -625,4 +625,49 @@ fn pages_are_complete() {
     ids.sort_unstable();
     ids.dedup();
     assert_eq!(ids.len(), CATALOGUE.len(), "an id twice");
+}
+
+#[test]
+fn parameters_say_the_joint_or_target_that_their_names_begin_with() {
+    for_all(|case, what, setup| {
+        let effect = effect_on(setup, case.id);
+        let entry = misfit_core::effects::find(effect.kind()).unwrap();
+        for parameter in effect.parameters(setup) {
+            let head = |name: &String| {
+                let rest = parameter.name.strip_prefix(name.as_str());
+                rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+            };
+            let joint = setup
+                .robot
+                .joints
+                .iter()
+                .position(|joint| head(&joint.name));
+            let target = setup.targets.iter().position(|target| head(&target.name));
+            let place = match (joint, target) {
+                (Some(joint), _) => Place::Joint(joint),
+                (None, Some(target)) => Place::Target(target),
+                (None, None) => Place::Whole,
+            };
+            assert_eq!(parameter.place, place, "{what}: {}", parameter.name);
+            assert_eq!(parameter.joint(), joint, "{what}: {}", parameter.name);
+            assert_eq!(parameter.role, entry.role, "{what}: {}", parameter.name);
+        }
+        // waves are those that the names of their parameters say
+        let names = effect.waves(setup).into_iter().flat_map(|(joint, cycles)| {
+            let joint = &setup.robot.joints[joint].name;
+            ["sin", "cos"].map(|term| format!("{joint}.{term}{cycles}"))
+        });
+        let names: Vec<String> = names.collect();
+        if !names.is_empty() {
+            let all: Vec<String> = effect
+                .parameters(setup)
+                .into_iter()
+                .map(|p| p.name)
+                .collect();
+            assert_eq!(names, all, "{what}");
+        }
+    });
+    let waves = |(_, setup): &(&str, Setup)| effect_on(setup, "gear_ripple").waves(setup).len();
+    let counted: usize = robots().iter().map(waves).sum();
+    assert!(counted > 0, "no wave was looked at");
 }

@@ -82,7 +82,6 @@ pub fn model(
         }
     }
     for name in wanted {
-        // a law of the user's own is known by its file alone
         if choices.iter().any(|choice| choice.effect.id() == name) {
             return Err(ModelError::Table(TableError::Twice {
                 file: ORIGIN.to_owned(),

@@ -37,7 +37,7 @@ pub struct Compensate {
 }
 
 /// Poses and campaigns at most, so that a slip of the pen is no day's work.
-const MOST: usize = 100_000;
+const MAX_COUNT: usize = 100_000;
 
 fn default_models() -> Vec<String> {
     vec!["default".to_owned()]
@@ -57,9 +57,9 @@ impl Compensate {
             return Err("[compensate] models is empty; accepted: \"default\", \"true\", words as for --effects".to_owned());
         }
         for (key, value) in [("poses", self.poses), ("campaigns", self.campaigns)] {
-            if !(1..=MOST).contains(&value) {
+            if !(1..=MAX_COUNT).contains(&value) {
                 return Err(format!(
-                    "[compensate] {key} is {value}; accepted: 1 to {MOST}"
+                    "[compensate] {key} is {value}; accepted: 1 to {MAX_COUNT}"
                 ));
             }
         }

@@ -6,12 +6,15 @@ use super::contrasts::{self, Contrast};
 use super::families::{Family, FamilyScore};
 use super::patterns::{self, Pattern};
 use super::power::{self, Power};
-use super::prediction::{self, Gain};
 use super::ripple::{self, Wave};
 use super::score::{Against, Gram, Information};
-use super::{ALARM, Candidate, CannotSee, MOST, NEAR, VISIBLE, fitted, folds, motion, search};
+use super::{
+    ALARM, Candidate, CannotSee, MAX_NAMED_EFFECTS, MIN_NATS_TO_TELL, VISIBLE, fitted, motion,
+    search,
+};
 use crate::campaign::{Campaign, Reading, conditions};
 use crate::effects::{AnyEffect, CATALOGUE, Role};
+use crate::fit::leave_out::{self, Gain};
 use crate::fit::noise::{self, Source};
 use crate::fit::{self, Fit};
 use crate::model::Model;
@@ -21,12 +24,12 @@ use std::sync::Arc;
 
 /// A second effect of which the first could take up this share, and with less signal than the first's law need be wrong
 /// by, may be no more than the first's form.
-const KIN: f64 = 0.3;
+const MIN_SHARE_TAKEN_UP: f64 = 0.3;
 /// Share of an effect's signal by which its law may be wrong.
-const INEXACT: f64 = 0.05;
+const MAX_ERROR_OF_LAW: f64 = 0.05;
 /// What is known to imitate an effect does so if it explains this share of its signal, and what it does not explain
 /// would not tell.
-const IMITATES: f64 = 0.8;
+const MIN_SHARE_IMITATED: f64 = 0.8;
 
 /// An effect, and those that cannot be told from it.
 type Alike = (Arc<dyn AnyEffect>, Vec<Arc<dyn AnyEffect>>);
@@ -193,7 +196,7 @@ pub(super) fn analyse(
         first
     });
     let find = || {
-        let set = search::search(&families, &tried, &information, &against, MOST);
+        let set = search::search(&families, &tried, &information, &against, MAX_NAMED_EFFECTS);
         let near = near(&families, &tried, &set.members, &information, &against);
         let members: Vec<(&Family, f64)> = set
             .members
@@ -271,8 +274,8 @@ fn gain(
     picked.extend(blocks.first().map(|block| block.ncols() - 1));
     let pick = |block: &DMatrix<f64>| block.select_columns(&picked);
     let rows = whiteners.iter().map(|whitener| whitener.rows);
-    let normals = folds::normals(readings, rows, blocks, pick);
-    prediction::gain(&normals, base, &priors, against.variance)
+    let normals = leave_out::by_folds(readings, rows, blocks, pick);
+    Gain::of(&normals, base, &priors, against.variance)
 }
 
 /// Why a campaign cannot see a family, if it cannot.
@@ -308,9 +311,9 @@ fn near(
         let close = |&other: &usize| {
             let score = families[other].score(&beside, against);
             let imitates = known.contains(&families[other].effect.id())
-                && score.signal() > IMITATES * own.signal()
+                && score.signal() > MIN_SHARE_IMITATED * own.signal()
                 && own.signal() - score.signal() < crate::plan::DECISIVE;
-            (imitates || score.log_evidence > own.log_evidence - NEAR)
+            (imitates || score.log_evidence > own.log_evidence - MIN_NATS_TO_TELL)
                 && score.is_sure(ALARM, tried.len())
         };
         let others = tried.iter().copied().filter(|&other| {
@@ -352,13 +355,13 @@ fn is_one_form(
     let Some(&main) = members.iter().max_by(evidence) else {
         return false;
     };
-    let limit = crate::plan::DECISIVE.min(INEXACT * scores[main].signal());
+    let limit = crate::plan::DECISIVE.min(MAX_ERROR_OF_LAW * scores[main].signal());
     let with_main = information.given(&families[main].columns, power::STRETCH);
     let only_repairs = |&&other: &&usize| {
         let own = families[other].columns.clone();
         let left: f64 = own.map(|k| with_main.matrix[(k, k)]).sum();
         let beside = search::beside(families, members, other, information, against);
-        left <= (1.0 - KIN) * scores[other].expected
+        left <= (1.0 - MIN_SHARE_TAKEN_UP) * scores[other].expected
             && families[other].score(&beside, against).signal() < limit
     };
     let mut others = members.iter().filter(|&&other| other != main);

@@ -9,13 +9,11 @@ mod analysis;
 mod columns;
 mod contrasts;
 mod families;
-mod folds;
 mod form;
 mod motion;
 mod next;
 mod patterns;
 mod power;
-mod prediction;
 pub mod ripple;
 pub mod score;
 mod screen;
@@ -28,7 +26,7 @@ use crate::campaign::{Campaign, Reading, Split, conditions};
 use crate::effects::{AnyEffect, Role};
 use crate::fit::alike::together;
 use crate::fit::noise::{self, Source};
-use crate::fit::{self, CampaignProblem, Fit, FitError, Options};
+use crate::fit::{self, CampaignProblem, Fit, FitError, Options, leave_out};
 use crate::model::Model;
 use analysis::{Analysis, against, analyse, lacking};
 use form::Form;
@@ -42,21 +40,21 @@ use std::sync::Arc;
 /// Families whose expected λ at typical size is below this are invisible to a campaign.
 pub const VISIBLE: f64 = 9.0;
 /// Numbers that tests look at, at most: rows of all readings by columns of all effects.
-const LARGEST: usize = 600_000_000;
+const MAX_NUMBERS: usize = 600_000_000;
 /// Memory that a diagnosis takes for each of them, bytes (5.7 GB for 100,000 readings of 12 rows and 257 columns).
-const BYTES: usize = 18;
+const BYTES_PER_NUMBER: usize = 18;
 /// Probability of any false alarm in one round of tests.
 const ALARM: f64 = 1e-3;
-/// Families this near to the best, in nats, are its aliases.
-const NEAR: f64 = 3.0;
+/// A smaller difference of evidence, nats, tells nothing: families this near to the best are its aliases.
+const MIN_NATS_TO_TELL: f64 = 3.0;
 /// A named effect that explains less than this of the evidence is not what is missing.
-const ENOUGH: f64 = 0.9;
+const MIN_SHARE_TO_NAME: f64 = 0.9;
 /// An effect of another form than the catalogue's explains at least this share of the evidence in the catalogue's.
-const MOSTLY: f64 = 0.8;
+const MIN_SHARE_OF_USUAL_FORM: f64 = 0.8;
 /// What is worth less than this share of its worth on poses left out is not the cause.
-const WORTH: f64 = 0.25;
+const MIN_SHARE_LEFT_OUT: f64 = 0.25;
 /// Effects named at most.
-const MOST: usize = 3;
+const MAX_NAMED_EFFECTS: usize = 3;
 
 /// The answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
@@ -150,7 +148,7 @@ impl Diagnosis {
     /// none of these but between `pose`s. None if none is sure.
     pub fn class(&self) -> Option<&'static str> {
         if let (Verdict::Unknown, Some(pattern)) = (self.verdict, self.patterns.first())
-            && pattern.log_evidence > NEAR
+            && pattern.log_evidence > MIN_NATS_TO_TELL
         {
             return Some(pattern.class);
         }
@@ -245,7 +243,7 @@ pub fn diagnose_until(
         };
         (stopped, refused) = (false, None);
         let mut next = planned.iter();
-        while next.len() > 0 || (!last.set.is_empty() && steps.len() < MOST) {
+        while next.len() > 0 || (!last.set.is_empty() && steps.len() < MAX_NAMED_EFFECTS) {
             let (so_far, so_named) = match steps.last() {
                 Some((id, fit)) => (fit, Some(id.as_str())),
                 None => (&base, None),
@@ -321,9 +319,11 @@ pub fn diagnose_until(
             Verdict::Named
         }
     } else {
-        let worthless = first.gain.is_some_and(|gain| gain.is_below(WORTH));
+        let worthless = first
+            .gain
+            .is_some_and(|gain| gain.is_below(MIN_SHARE_LEFT_OUT));
         let all = before.max(evidence + after);
-        let doubtful = left || before > evidence + after + NEAR;
+        let doubtful = left || before > evidence + after + MIN_NATS_TO_TELL;
         // one effect may have another form: so it is if that explains as much as a set of several, or as any pattern; that
         // it takes several, and something is still left, is no finding
         let main = match steps.len() > 1 || doubtful {
@@ -332,8 +332,8 @@ pub fn diagnose_until(
         };
         let of_other_form = main.as_ref().filter(|(_, form)| {
             let best = if doubtful { all } else { evidence };
-            form.usual >= MOSTLY * all
-                && (form.free >= best || first.one_form && form.usual >= ENOUGH * all)
+            form.usual >= MIN_SHARE_OF_USUAL_FORM * all
+                && (form.free >= best || first.one_form && form.usual >= MIN_SHARE_TO_NAME * all)
         });
         if worthless {
             Verdict::Unknown
@@ -341,7 +341,7 @@ pub fn diagnose_until(
             named = vec![effect.id().to_owned()];
             Verdict::NamedIncomplete
         } else if doubtful {
-            if named.len() == 1 && evidence >= ENOUGH * all {
+            if named.len() == 1 && evidence >= MIN_SHARE_TO_NAME * all {
                 Verdict::NamedIncomplete
             } else {
                 Verdict::Unknown
@@ -449,7 +449,7 @@ fn check_size(
     };
     let fitted = || campaign.readings.iter().filter(|r| r.split == Split::Fit);
     let numbers = fitted().map(rows).sum::<usize>().saturating_mul(columns);
-    if numbers <= LARGEST {
+    if numbers <= MAX_NUMBERS {
         return Ok(());
     }
     let readings = fitted().count();
@@ -457,8 +457,8 @@ fn check_size(
         campaign: campaign.name.clone(),
         readings,
         columns,
-        gigabytes: numbers.saturating_mul(BYTES) / 1_000_000_000,
-        most: (readings as f64 * (LARGEST as f64 / numbers as f64)) as usize,
+        gigabytes: numbers.saturating_mul(BYTES_PER_NUMBER) / 1_000_000_000,
+        most: (readings as f64 * (MAX_NUMBERS as f64 / numbers as f64)) as usize,
     })
 }
 
@@ -510,10 +510,10 @@ fn predicts_better(campaign: &Campaign, base: &Fit, before: &Fit, after: &Fit) -
             CampaignProblem::new(&fit.model, &readings, &whiteners, &fit.free, &fit.values);
         let at: Vec<f64> = fit.free.iter().map(|&k| fit.values[k]).collect();
         let rows = whiteners.iter().map(|whitener| whitener.rows);
-        let normals = folds::normals(&readings, rows, &problem.blocks(&at), Clone::clone);
-        folds::cross_validated(&normals, &vec![fit::solve::WEAK; at.len()])
+        let normals = leave_out::by_folds(&readings, rows, &problem.blocks(&at), Clone::clone);
+        leave_out::predicted(&normals, &vec![fit::solve::WEAK; at.len()])
     };
-    folds::lower(&error(base), &error(before), &error(after))
+    leave_out::is_lower(&error(base), &error(before), &error(after))
 }
 
 /// A fit whose residuals are numbers: tests on others would not end. `near` is one with fewer effects.

@@ -9,6 +9,7 @@
 //! Source: the linear-Gaussian evidence with unknown scale; compared on 880 simulated cases it ranks the right
 //! family first more often than score, AIC, BIC or cross-validation.
 
+use crate::fit::normal::Normal;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 use std::ops::Range;
@@ -17,8 +18,6 @@ use std::ops::Range;
 const SCALES: [f64; 7] = [0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2];
 /// Directions of a family with less signal than this (σ for a typical size) are not counted.
 const FAINT: f64 = 0.05;
-/// Blocks of rows whose products are summed at once; fixed, so that sums do not depend on threads.
-pub const SUMMED: usize = 8;
 
 /// Inner products of all whitened columns `[base | families | residual]`.
 pub struct Gram {
@@ -52,22 +51,8 @@ pub struct Score {
 impl Gram {
     /// From blocks of rows; the first `base` columns are the base model's, the last is the residual.
     pub fn new(blocks: &[DMatrix<f64>], base: usize) -> Self {
-        use rayon::prelude::*;
         let n = blocks.first().map_or(base + 1, DMatrix::ncols);
-        let groups = blocks.par_chunks(SUMMED);
-        let parts: Vec<DMatrix<f64>> = groups
-            .map(|blocks| {
-                let mut sum = DMatrix::zeros(n, n);
-                blocks.iter().for_each(|block| add_square(&mut sum, block));
-                sum
-            })
-            .collect();
-        let mut matrix = DMatrix::zeros(n, n);
-        // in order, so that the sum does not depend on threads
-        for part in parts {
-            matrix += part;
-        }
-        matrix.fill_upper_triangle_with_lower_triangle();
+        let Normal(matrix) = Normal::of(blocks, n);
         let eigen = matrix
             .view((0, 0), (base, base))
             .into_owned()
@@ -152,21 +137,6 @@ impl Gram {
             gradient: self.partial(all.clone(), r..r + 1).column(0) / variance,
             matrix: self.partial(all.clone(), all) / variance,
         }
-    }
-}
-
-/// Adds the lower triangle of `XᵀX`, and nothing of worth above it.
-pub fn add_square(sum: &mut DMatrix<f64>, columns: &DMatrix<f64>) {
-    /// Columns a panel: what is below it alone is computed.
-    const PANEL: usize = 64;
-    let n = columns.ncols();
-    // turned, a product by blocks: several times as fast as one by dot products
-    let turned = columns.transpose();
-    for first in (0..n).step_by(PANEL) {
-        let width = PANEL.min(n - first);
-        let below = turned.rows(first, n - first);
-        let mut place = sum.view_mut((first, first), (n - first, width));
-        place.gemm(1.0, &below, &columns.columns(first, width), 1.0);
     }
 }
 

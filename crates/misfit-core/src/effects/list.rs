@@ -52,7 +52,7 @@ impl EffectList {
         };
         let words = text
             .split(',')
-            .map(|word| word.trim().trim_start_matches('+'));
+            .map(|word| word.trim().trim_start_matches('+').trim());
         let effects = words.filter(|word| !word.is_empty()).map(|word| {
             find(word).ok_or_else(|| TableError::UnknownEffect {
                 file: origin.to_owned(),
@@ -73,6 +73,7 @@ impl EffectList {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)] // a test fails there
 mod tests {
     use super::*;
 

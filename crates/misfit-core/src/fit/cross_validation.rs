@@ -1,5 +1,6 @@
 //! Cross-validation by pose: errors of poses that a fit has not seen.
 
+use super::leave_out::without;
 use super::noise::Whitener;
 use super::residuals::{Errors, residuals, summarise};
 use super::solve::{self, Linear, Problem};
@@ -13,13 +14,13 @@ use rayon::prelude::*;
 /// Folds of the cross-validation by pose.
 pub const FOLDS: usize = 5;
 /// Below this many poses no cross-validation: a fold would be a pose or two.
-const FEWEST_POSES: usize = 10;
-/// Of many readings the linear problem says what a fold's fit leaves of the poses left out: it is believed where the model
-/// agrees with the sum of squares to this share of it.
-const STRAIGHT: f64 = 1e-4;
+const MIN_POSES: usize = 10;
+/// Of many readings the linear problem says what a fold's fit leaves of the poses left out: it is believed where the
+/// model's sum of squares differs from it by less than this share of it.
+const MAX_NONLINEAR_SHARE: f64 = 1e-4;
 /// About so many poses of each fold say how a step is straightened, neighbours of all folds together: what changes from pose
 /// to pose in a design is there.
-const SOME: usize = 25;
+const POSES_PER_FOLD: usize = 25;
 
 /// Pose of each reading, numbered in order of appearance.
 fn poses(readings: &[&Reading]) -> Vec<usize> {
@@ -90,11 +91,7 @@ pub(super) fn cross_validated(
     many: Option<&Ended>,
 ) -> Option<(Errors, usize)> {
     let poses = poses(readings);
-    if poses
-        .iter()
-        .max()
-        .is_none_or(|last| last + 1 < FEWEST_POSES)
-    {
+    if poses.iter().max().is_none_or(|last| last + 1 < MIN_POSES) {
         return None;
     }
     let fitted = Fitted {
@@ -192,7 +189,7 @@ impl Fitted<'_> {
         let fit = self.fit;
         let start = self.start(fold);
         let rounds = self.poses.iter().max().map_or(0, |last| last / FOLDS);
-        let one_in = (rounds / SOME).max(1);
+        let one_in = (rounds / POSES_PER_FOLD).max(1);
         let some = self.indices(|own| own != fold);
         let some = some.filter(|&i| (self.poses[i] / FOLDS).is_multiple_of(one_in));
         let (part, whiteners) = self.parts(some);
@@ -207,16 +204,10 @@ impl Fitted<'_> {
                 .zip(&rows)
                 .map(|(i, row)| self.whiteners[i].squares(row));
             let apart = squares.sum::<f64>() - expected;
-            (apart.abs() < STRAIGHT * expected).then_some((true, rows))
+            (apart.abs() < MAX_NONLINEAR_SHARE * expected).then_some((true, rows))
         };
         as_expected(&next).or_else(|| as_expected(&straightened(&some, begin, &step, &next)))
     }
-}
-
-/// The problem without a fold.
-fn without(folds: &[Linear], fold: usize) -> Linear {
-    let others = folds.iter().enumerate().filter(|(own, _)| *own != fold);
-    Linear::joined(others.map(|(_, linear)| linear))
 }
 
 /// Where the model predicts some readings as it would after a step (typical sizes) from `begin` were it linear there, near

@@ -5,7 +5,9 @@
 
 pub mod alike;
 mod cross_validation;
+pub mod leave_out;
 pub mod noise;
+pub mod normal;
 pub mod paper;
 mod problem;
 mod rank;

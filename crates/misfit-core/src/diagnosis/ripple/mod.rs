@@ -14,13 +14,12 @@ mod lane;
 mod search;
 mod sums;
 
-use super::folds;
 use super::motion::Motion;
 use super::score::Against;
 use crate::campaign::Reading;
 use crate::effects::Role;
 use crate::fit::noise::Source;
-use crate::fit::{FOLDS, Fit, solve};
+use crate::fit::{FOLDS, Fit, leave_out, solve};
 use crate::model::Model;
 use grid::Grid;
 use nalgebra::DMatrix;
@@ -29,9 +28,9 @@ use search::{Peak, Search};
 use sums::Sums;
 
 /// Waves taken up at most in one search.
-const MOST: usize = 48;
+const MAX_WAVES: usize = 48;
 /// And in a first one.
-const FEW: usize = 16;
+const MAX_WAVES_AT_FIRST: usize = 16;
 
 /// One wave found.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
@@ -153,10 +152,10 @@ pub fn scan(
         let keep = predicting(&errors, most);
         (search, keep)
     };
-    let (mut search, mut keep) = grown(FEW);
+    let (mut search, mut keep) = grown(MAX_WAVES_AT_FIRST);
     // where the last half of them tells nothing of other poses, those to come would not either
-    if search.found.len() == FEW && keep > FEW / 2 {
-        (search, keep) = grown(MOST);
+    if search.found.len() == MAX_WAVES_AT_FIRST && keep > MAX_WAVES_AT_FIRST / 2 {
+        (search, keep) = grown(MAX_WAVES);
     }
     if keep == 0 {
         // no wave predicts poses that it has not seen
@@ -188,7 +187,7 @@ fn predicting(errors: &[Vec<f64>], most: usize) -> usize {
     let best = of(least.unwrap_or(0));
     // the fewest that are not worse by more than chance, or by a share worth having
     (0..=most)
-        .find(|&k| !folds::lower(&of(0), &of(k), &best))
+        .find(|&k| !leave_out::is_lower(&of(0), &of(k), &best))
         .unwrap_or(0)
 }
 
@@ -197,8 +196,8 @@ fn predicted(sums: &Sums, waves: &[Peak], kept: &[usize], tested: usize) -> Vec<
     let waves: Vec<(usize, f64)> = waves.iter().map(|w| (w.joint, w.cycles)).collect();
     let kept = sums.normal(kept, &waves, grid::TYPICAL);
     let tested = sums.normal(&[tested], &waves, grid::TYPICAL);
-    let base = kept.nrows() - 1 - 2 * waves.len();
+    let base = kept.0.nrows() - 1 - 2 * waves.len();
     let counts: Vec<usize> = (0..=waves.len()).map(|k| base + 2 * k).collect();
-    let priors = vec![solve::WEAK; kept.nrows() - 1];
-    folds::left_out(&kept, &tested, &priors, &counts)
+    let priors = vec![solve::WEAK; kept.0.nrows() - 1];
+    leave_out::left_out(&kept, &tested, &priors, &counts)
 }

@@ -4,14 +4,15 @@ use super::grid::{Grid, Moments, STEPS};
 use super::lane::{Columns, Lane};
 use super::sums::{Column, Sums};
 use crate::diagnosis::score::Against;
+use crate::fit::normal::Normal;
 use crate::fit::solve;
 use nalgebra::{Cholesky, DMatrix, DVector, Matrix2};
 use rayon::prelude::*;
 
 /// Waves of a joint are at least this apart, in periods over its range.
-const APART: f64 = 1.0;
+const MIN_PERIODS_APART: f64 = 1.0;
 /// Frequencies this near to the best, in nats, explain the readings as well.
-const NEAR: f64 = 3.0;
+const MAX_NATS_OF_ALIAS: f64 = 3.0;
 /// Steps that refine all cycles together.
 const REFINEMENTS: usize = 6;
 /// Golden sections of a peak: to a hundred-thousandth of its width.
@@ -74,7 +75,7 @@ impl<'a> Search<'a> {
         own_noise: bool,
     ) -> Self {
         let postures = sums.postures(folds);
-        let (rows, gram) = sums.base(folds);
+        let (rows, Normal(gram)) = sums.base(folds);
         let base = gram.nrows() - 1;
         let root = orthonormal(&gram.view((0, 0), (base, base)).into_owned());
         let along: DVector<f64> = root.tr_mul(&gram.view((0, base), (base, 1)).column(0));
@@ -198,7 +199,7 @@ impl<'a> Search<'a> {
         let known = self.sums.joints[joint].known.iter().copied();
         here.map(|peak| peak.cycles)
             .chain(known)
-            .all(|other| (other - cycles).abs() >= APART * lane.grid.period)
+            .all(|other| (other - cycles).abs() >= MIN_PERIODS_APART * lane.grid.period)
     }
 
     /// Other frequencies of the joint at which the readings are explained as well.
@@ -208,7 +209,7 @@ impl<'a> Search<'a> {
         let heights: Vec<f64> = lane.moments.iter().map(chi2_of).collect();
         let is_peak = |&place: &usize| {
             let near = &heights[place.saturating_sub(1)..(place + 2).min(heights.len())];
-            heights[place] > chi2 - 2.0 * NEAR
+            heights[place] > chi2 - 2.0 * MAX_NATS_OF_ALIAS
                 && near.iter().all(|&other| other <= heights[place])
                 && (lane.grid.frequency(place) - cycles).abs() >= lane.grid.period
         };

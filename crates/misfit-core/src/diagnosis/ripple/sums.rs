@@ -5,9 +5,10 @@
 //! however many readings there are.
 
 use crate::campaign::Reading;
-use crate::diagnosis::folds;
 use crate::diagnosis::motion::Motion;
 use crate::fit::alike::{angles, members, numbered};
+use crate::fit::leave_out::{self, Part};
+use crate::fit::normal::Normal;
 use crate::fit::{self, FOLDS, Fit};
 use crate::robot::JointKind;
 use nalgebra::{DMatrix, DMatrixView, DVector};
@@ -44,7 +45,7 @@ pub struct Sums {
     /// Products of the motions of two joints by posture, row by row of a square table.
     cross: Vec<DVector<f64>>,
     /// By fold: products of the base model's columns and, last, the residual with each other.
-    grams: Vec<DMatrix<f64>>,
+    grams: Vec<Normal>,
     /// By fold.
     rows: Vec<usize>,
 }
@@ -93,7 +94,7 @@ impl Sums {
         let mut sums = Self {
             joints: turning.iter().map(joint).collect(),
             cross: vec![DVector::zeros(fold.len()); count * count],
-            grams: folds::normals(
+            grams: leave_out::by_folds(
                 readings,
                 motions.iter().map(|m| m.rates.nrows()),
                 blocks,
@@ -159,8 +160,8 @@ impl Sums {
     }
 
     /// Rows of these folds, and the products of the base model's columns and the residual with each other over them.
-    pub fn base(&self, folds: &[usize]) -> (usize, DMatrix<f64>) {
-        let gram = folds::sum(folds.iter().map(|&fold| &self.grams[fold]));
+    pub fn base(&self, folds: &[usize]) -> (usize, Normal) {
+        let gram = Normal::joined(folds.iter().map(|&fold| &self.grams[fold]));
         (folds.iter().map(|&fold| self.rows[fold]).sum(), gram)
     }
 
@@ -173,9 +174,9 @@ impl Sums {
     }
 
     /// Products over these folds of `[base | columns | residual]` with each other, the columns given by cycles.
-    pub fn normal(&self, folds: &[usize], waves: &[(usize, f64)], size: f64) -> DMatrix<f64> {
+    pub fn normal(&self, folds: &[usize], waves: &[(usize, f64)], size: f64) -> Normal {
         let postures = self.postures(folds);
-        let (_, gram) = self.base(folds);
+        let (_, Normal(gram)) = self.base(folds);
         let base = gram.nrows() - 1;
         let columns: Vec<Column> = waves
             .iter()
@@ -203,7 +204,7 @@ impl Sums {
                 set(base + b, self.product(&postures, column, other));
             }
         }
-        normal
+        Normal(normal)
     }
 
     /// Sine and cosine of so many cycles a turn, times `size`.
