@@ -4,6 +4,7 @@ use super::format::{angle, count, length, number, render, significant, table, wr
 use misfit_campaign::Campaign;
 use misfit_core::fit::noise::Source;
 use misfit_core::fit::{Errors, Fit, HeldoutBy, Status};
+use misfit_core::model::Term;
 use std::fmt::Write;
 
 /// Which parameters to list.
@@ -140,91 +141,86 @@ fn error_lines(fit: &Fit, baseline: Option<&Fit>) -> String {
     render(&rows)
 }
 
-/// One table an effect: compliances with their stiffness, frames and offsets as they are, geometry as a count.
+/// One table per effect: compliances with their stiffness, frames and offsets as they are, geometry as a count.
 fn parameter_tables(fit: &Fit, all: bool) -> String {
     let mut out = String::new();
-    let quantile = fit.quantile();
     for term in &fit.model.terms {
         let range = term.first..term.first + term.parameters.len();
         let id = term.effect.id();
         if id == "geometry" && !all {
-            let estimated = range
-                .clone()
-                .filter(|&k| fit.status[k] == Status::Estimated)
-                .count();
-            let _ = writeln!(
-                out,
-                "\n{}",
-                wrap(
-                    &format!(
-                        " geometry · {} parameters, {estimated} identified one by one, the others only \
-                         in combination (--all lists them)",
-                        range.len()
-                    ),
-                    2
-                )
+            let line = format!(
+                " geometry · {} parameters, {} identified one by one, the others only in combination (--all lists them)",
+                range.len(),
+                range
+                    .filter(|&k| fit.status[k] == Status::Estimated)
+                    .count()
             );
+            let _ = writeln!(out, "\n{}", wrap(&line, 2));
             continue;
         }
-        let compliance = id == "joint_compliance";
-        let revolute = term.parameters.iter().all(|p| p.unit == "rad/(N·m)");
-        let mut rows = if compliance {
-            table(
-                &[
-                    id,
-                    if revolute {
-                        "c µrad/(N·m)"
-                    } else {
-                        "c (1e-6 SI)"
-                    },
-                    "± 95 %",
-                    "K = 1/c",
-                    "95 % interval of K",
-                    "status",
-                ],
-                &[1, 2, 3, 4],
-            )
-        } else {
-            table(&[id, "value", "± 95 %", "unit", "status"], &[1, 2])
+        let rows = match id {
+            "joint_compliance" => compliance_table(fit, term),
+            _ => value_table(fit, term),
         };
-        for k in range {
-            let parameter = &term.parameters[k - term.first];
-            let half = fit.std[k].map(|std| std * quantile);
-            let status = fit.status[k].word().to_owned();
-            if compliance {
-                let (value, interval) = stiffness(fit.values[k], half, &parameter.unit);
-                let shown = fit.status[k] != Status::Unobservable;
-                let dash = || "—".to_owned();
-                rows.add_row(vec![
-                    parameter.name.clone(),
-                    if shown {
-                        number(fit.values[k] * 1e6)
-                    } else {
-                        dash()
-                    },
-                    half.map_or_else(dash, |h| number(h * 1e6)),
-                    if shown { value } else { dash() },
-                    interval,
-                    status,
-                ]);
-            } else {
-                let shown = fit.status[k] != Status::Unobservable;
-                rows.add_row(vec![
-                    parameter.name.clone(),
-                    if shown {
-                        significant(fit.values[k], 6)
-                    } else {
-                        "—".to_owned()
-                    },
-                    half.map_or("—".to_owned(), number),
-                    parameter.unit.clone(),
-                    status,
-                ]);
-            }
-        }
-        let _ = writeln!(out, "\n{}", render(&rows));
+        let _ = writeln!(out, "\n{rows}");
     }
     out
+}
+
+/// Compliances and their stiffness.
+fn compliance_table(fit: &Fit, term: &Term) -> String {
+    let unit = match term.parameters.iter().all(|p| p.unit == "rad/(N·m)") {
+        true => "c µrad/(N·m)",
+        false => "c (1e-6 SI)",
+    };
+    let id = term.effect.id();
+    let interval = "95 % interval of K";
+    let header = [id, unit, "± 95 %", "K = 1/c", interval, "status"];
+    let mut rows = table(&header, &[1, 2, 3, 4]);
+    let dash = || "—".to_owned();
+    for (parameter, k) in term.parameters.iter().zip(term.first..) {
+        let half = fit.std[k].map(|std| std * fit.quantile());
+        let (value, interval) = stiffness(fit.values[k], half, &parameter.unit);
+        let shown = fit.status[k] != Status::Unobservable;
+        let (c, value) = match shown {
+            true => (number(fit.values[k] * 1e6), value),
+            false => (dash(), dash()),
+        };
+        let half = half.map_or_else(dash, |h| number(h * 1e6));
+        let status = fit.status[k].word().to_owned();
+        rows.add_row(vec![
+            parameter.name.clone(),
+            c,
+            half,
+            value,
+            interval,
+            status,
+        ]);
+    }
+    render(&rows)
+}
+
+/// Parameters as they are.
+fn value_table(fit: &Fit, term: &Term) -> String {
+    let header = [term.effect.id(), "value", "± 95 %", "unit", "status"];
+    let mut rows = table(&header, &[1, 2]);
+    let dash = || "—".to_owned();
+    for (parameter, k) in term.parameters.iter().zip(term.first..) {
+        let value = match fit.status[k] {
+            Status::Unobservable => dash(),
+            _ => significant(fit.values[k], 6),
+        };
+        let half = fit.std[k].map_or_else(dash, |std| number(std * fit.quantile()));
+        let status = fit.status[k].word().to_owned();
+        rows.add_row(vec![
+            parameter.name.clone(),
+            value,
+            half,
+            parameter.unit.clone(),
+            status,
+        ]);
+    }
+    render(&rows)
 }
 
 /// Stiffness and its interval; a compliance that may be zero has no upper end.
@@ -254,25 +250,23 @@ pub(super) fn stiffness(c: f64, half: Option<f64>, unit: &str) -> (String, Strin
 
 /// Pairs that are known together much better than apart; geometry and frames, redundant by nature, are left out.
 fn correlation_lines(fit: &Fit) -> String {
-    /// From this size on.
-    const STRONG: f64 = 0.9;
-    /// Lines at most.
-    const MOST: usize = 5;
+    const MIN_CORRELATION: f64 = 0.9;
+    const MAX_LINES: usize = 5;
     let parameters: Vec<_> = fit.model.parameters().collect();
     let redundant = ["geometry", "tracker_frame", "target_offset"];
     let own = |k: usize| !redundant.contains(&parameters[k].0);
-    let pairs = fit.correlations(STRONG).into_iter();
+    let pairs = fit.correlations(MIN_CORRELATION).into_iter();
     let pairs: Vec<_> = pairs.filter(|&(a, b, _)| own(a) && own(b)).collect();
     if pairs.is_empty() {
         return String::new();
     }
     let mut out = "\ncorrelated: known together better than apart\n".to_owned();
-    for &(a, b, value) in pairs.iter().take(MOST) {
+    for &(a, b, value) in pairs.iter().take(MAX_LINES) {
         let name = |k: usize| format!("{}.{}", parameters[k].0, parameters[k].1.name);
         let _ = writeln!(out, "  {} and {}  {value:+.2}", name(a), name(b));
     }
-    if pairs.len() > MOST {
-        let _ = writeln!(out, "  and {} pairs more", pairs.len() - MOST);
+    if pairs.len() > MAX_LINES {
+        let _ = writeln!(out, "  and {} pairs more", pairs.len() - MAX_LINES);
     }
     out
 }
