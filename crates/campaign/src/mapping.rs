@@ -55,7 +55,7 @@ enum Word {
     Name(String),
 }
 
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Written {
     column: Option<Word>,
@@ -67,6 +67,21 @@ struct Written {
 }
 
 const WRITTEN: &str = "a header word, or a table with `column` or `columns`, and `unit`, `convention`, `sign`, `offset` where they apply";
+
+impl Written {
+    fn of(keys: &Keys<'_>, key: &str, value: &Value) -> Result<Self, CampaignError> {
+        if let Value::String(word) = value {
+            return Ok(Self {
+                column: Some(Word::Name(word.clone())),
+                ..Self::default()
+            });
+        }
+        value.clone().try_into().or_else(|error: toml::de::Error| {
+            let message = error.message().lines().next().unwrap_or_default();
+            keys.refuse(key, message.to_owned(), WRITTEN)
+        })
+    }
+}
 
 impl Mapping {
     /// Gives the written keys their meaning on this robot.
@@ -443,45 +458,9 @@ fn entry(
     target: Option<usize>,
 ) -> Result<Entry, CampaignError> {
     let Some(mut roles) = roles(name, robot) else {
-        let joints: Vec<&str> = robot
-            .joints
-            .iter()
-            .take(30)
-            .map(|j| j.name.as_str())
-            .collect();
-        return keys.refuse(
-            &key,
-            "an unknown quantity".into(),
-            &format!(
-                "joints of the robot ({}), position, orientation, pose, repeat, target, split, time, temperature, \
-                 force, torque, payload, payload_centre, approach_<joint>, temperature_<link>",
-                joints.join(", ")
-            ),
-        );
+        return unknown_quantity(keys, &key, robot);
     };
-    let written: Written = match value {
-        Value::String(word) => Written {
-            column: Some(Word::Name(word.clone())),
-            columns: None,
-            unit: None,
-            convention: None,
-            sign: None,
-            offset: None,
-        },
-        value => match value.clone().try_into() {
-            Ok(written) => written,
-            Err(error) => {
-                let error: toml::de::Error = error;
-                let message = error
-                    .message()
-                    .lines()
-                    .next()
-                    .unwrap_or_default()
-                    .to_owned();
-                return keys.refuse(&key, message, WRITTEN);
-            }
-        },
-    };
+    let written = Written::of(keys, &key, value)?;
     let columns = match (written.column, written.columns) {
         (Some(word), None) => vec![word],
         (None, Some(words)) => words,
@@ -505,29 +484,11 @@ fn entry(
             &format!("{} header words or numbers of columns", roles.len()),
         );
     }
-    let has_unit =
-        convention.map_or_else(|| roles[0].dimension(robot).is_some(), Convention::has_unit);
     let dimension = match convention {
-        Some(_) => Some(Dimension::Angle),
+        Some(convention) => convention.has_unit().then_some(Dimension::Angle),
         None => roles[0].dimension(robot),
     };
-    let unit = match (written.unit, dimension) {
-        (None, _) => None,
-        (Some(word), Some(dimension)) if has_unit => match units::spoken(&word, dimension) {
-            Some(unit) => Some(unit),
-            None => {
-                let accepted = units::names(Some(dimension));
-                return keys.refuse(&format!("{key}.unit"), quoted(&word), &accepted);
-            }
-        },
-        (Some(word), _) => {
-            return keys.refuse(
-                &format!("{key}.unit"),
-                quoted(&word),
-                "no unit: it has none",
-            );
-        }
-    };
+    let unit = unit(keys, &key, written.unit.as_deref(), dimension)?;
     let (sign, offset) = (written.sign.unwrap_or(1.0), written.offset.unwrap_or(0.0));
     let turned = written_turn(&roles, sign, offset);
     if !turned {
@@ -547,6 +508,36 @@ fn entry(
         offset,
         target,
     })
+}
+
+fn unknown_quantity<T>(keys: &Keys<'_>, key: &str, robot: &Robot) -> Result<T, CampaignError> {
+    let joints = robot.joints.iter().take(30);
+    let joints: Vec<&str> = joints.map(|j| j.name.as_str()).collect();
+    let accepted = format!(
+        "joints of the robot ({}), position, orientation, pose, repeat, target, split, time, temperature, \
+         force, torque, payload, payload_centre, approach_<joint>, temperature_<link>",
+        joints.join(", ")
+    );
+    keys.refuse(key, "an unknown quantity".into(), &accepted)
+}
+
+fn unit(
+    keys: &Keys<'_>,
+    key: &str,
+    word: Option<&str>,
+    dimension: Option<Dimension>,
+) -> Result<Option<&'static Unit>, CampaignError> {
+    let Some(word) = word else {
+        return Ok(None);
+    };
+    let accepted = match dimension {
+        Some(dimension) => match units::spoken(word, dimension) {
+            Some(unit) => return Ok(Some(unit)),
+            None => units::names(Some(dimension)),
+        },
+        None => "no unit: it has none".to_owned(),
+    };
+    keys.refuse(&format!("{key}.unit"), quoted(word), &accepted)
 }
 
 /// Do sign and offset belong to a joint, or are there none?

@@ -1,6 +1,6 @@
 //! Corrected commands on the terminal, and as JSON.
 
-use super::format::{angle, count, length, number, render, table, wrap};
+use super::format::{angle, count, length, number, render, say, table, wrap};
 use misfit_campaign::{Campaign, Reading};
 use misfit_core::compensation::{Corrected, End};
 use misfit_core::fit::Fit;
@@ -152,6 +152,35 @@ pub fn text(
         count(tasks.len(), "task"),
         wrap(&format!("model    {ground}"), 9),
     );
+    out += &task_table(campaign, tasks, corrected);
+    out.push('\n');
+    if tasks.len() > SHOWN {
+        let _ = writeln!(out, "  … and {} more", tasks.len() - SHOWN);
+    }
+    out.push('\n');
+    let reached = corrected.iter().filter(|c| c.command.end == End::Reached);
+    let reached = format!(
+        "reached  {} of {}, as the model has it; before is what the nominal robot's commands would miss",
+        reached.count(),
+        tasks.len()
+    );
+    say(&mut out, &reached);
+    for (task, c) in tasks.iter().zip(corrected) {
+        for remark in remarks(campaign, task, c) {
+            say(&mut out, &remark);
+        }
+    }
+    match written {
+        Some(file) => say(&mut out, &format!("\nwrote    {file}")),
+        None => say(
+            &mut out,
+            "\nnext     the same with -o commands.csv writes the commands",
+        ),
+    }
+    out
+}
+
+fn task_table(campaign: &Campaign, tasks: &[Reading], corrected: &[Corrected]) -> String {
     let header = [
         "pose", "target", "before", "left", "±1 σ", "turned", "left", "±1 σ", "status",
     ];
@@ -178,69 +207,54 @@ pub fn text(
             status(c).replace('_', " "),
         ]);
     }
-    out += &render(&rows);
-    out.push('\n');
-    if tasks.len() > SHOWN {
-        let _ = writeln!(out, "  … and {} more", tasks.len() - SHOWN);
-    }
-    out.push('\n');
-    let mut say = |line: String| {
-        let _ = writeln!(out, "{}", wrap(&line, 9));
+    render(&rows)
+}
+
+/// What a user has to know of one task.
+fn remarks(campaign: &Campaign, task: &Reading, c: &Corrected) -> Vec<String> {
+    let mut lines = Vec::new();
+    let label = match &task.pose {
+        Some(pose) => format!("pose {pose} (line {})", task.line),
+        None => format!("line {}", task.line),
     };
-    let reached = corrected.iter().filter(|c| c.command.end == End::Reached);
-    say(format!(
-        "reached  {} of {}, as the model has it; before is what the nominal robot's commands would miss",
-        reached.count(),
-        tasks.len()
-    ));
-    for (task, c) in tasks.iter().zip(corrected) {
-        let label = match &task.pose {
-            Some(pose) => format!("pose {pose} (line {})", task.line),
-            None => format!("line {}", task.line),
-        };
-        let name = |joint: usize| campaign.robot.joints[joint].name.as_str();
-        match &c.command.end {
-            End::AtLimit(joints) => {
-                let joints: Vec<&str> = joints.iter().map(|&j| name(j)).collect();
-                say(format!(
-                    "limit    {label}: {} would have to go beyond its limit",
-                    joints.join(", ")
-                ));
-            }
-            End::OutOfReach => say(format!(
-                "far      {label}: out of reach, or the arm is singular there"
-            )),
-            End::Collapsed => say(format!(
-                "load     {label}: the arm does not hold this load in the model"
-            )),
-            End::Forbidden => say(format!(
-                "limits   {label}: only in a posture outside of the joints' limits or those of --limits"
-            )),
-            End::Reached => {}
-        }
-        for &(joint, torque, rating) in &c.overloaded {
-            say(format!(
-                "load     {label}: {} bears {} N·m, rated {}",
-                name(joint),
-                number(torque),
-                number(rating)
+    let name = |joint: usize| campaign.robot.joints[joint].name.as_str();
+    match &c.command.end {
+        End::AtLimit(joints) => {
+            let joints: Vec<&str> = joints.iter().map(|&j| name(j)).collect();
+            lines.push(format!(
+                "limit    {label}: {} would have to go beyond its limit",
+                joints.join(", ")
             ));
         }
-        if c.is_uncertain() {
-            let most = c.unseen.as_ref().map_or_else(String::new, |(what, moved)| {
-                format!(
-                    "; the campaign never saw {what}, a typical one moves this pose by {}",
-                    length(*moved)
-                )
-            });
-            say(format!(
-                "unsure   {label}: what is left is as uncertain as what is corrected{most}"
-            ));
-        }
+        End::OutOfReach => lines.push(format!(
+            "far      {label}: out of reach, or the arm is singular there"
+        )),
+        End::Collapsed => lines.push(format!(
+            "load     {label}: the arm does not hold this load in the model"
+        )),
+        End::Forbidden => lines.push(format!(
+            "limits   {label}: only in a posture outside of the joints' limits or those of --limits"
+        )),
+        End::Reached => {}
     }
-    match written {
-        Some(file) => say(format!("\nwrote    {file}")),
-        None => say("\nnext     the same with -o commands.csv writes the commands".to_owned()),
+    for &(joint, torque, rating) in &c.overloaded {
+        lines.push(format!(
+            "load     {label}: {} bears {} N·m, rated {}",
+            name(joint),
+            number(torque),
+            number(rating)
+        ));
     }
-    out
+    if c.is_uncertain() {
+        let most = c.unseen.as_ref().map_or_else(String::new, |(what, moved)| {
+            format!(
+                "; the campaign never saw {what}, a typical one moves this pose by {}",
+                length(*moved)
+            )
+        });
+        lines.push(format!(
+            "unsure   {label}: what is left is as uncertain as what is corrected{most}"
+        ));
+    }
+    lines
 }

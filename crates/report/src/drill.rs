@@ -1,6 +1,6 @@
 //! Holes drilled by two arms: on the terminal, as JSON, tick by tick as CSV, and as the paper's six curves for each arm.
 
-use super::format::{angle, length, number, render, table, wrap};
+use super::format::{angle, length, number, render, say, table, wrap};
 use super::format::{model_name, percent};
 use crate::plot::{Content, Figure, Panel, Series};
 use misfit_campaign::Wrench;
@@ -132,7 +132,34 @@ pub fn text(scenario: &Scenario, wanted: &Drilling, holes: &[Bored]) -> String {
         model_name(&wanted.model),
         wanted.rate_hz,
     );
-    let mut out = wrap(&head, 9) + "\n\n";
+    let mut out = wrap(&head, 9) + "\n\n" + &summary_table(&summaries);
+    out += "\n\nthe paper's findings\n";
+    for finding in findings(wanted, &summaries) {
+        let holds = match finding.holds {
+            Some(true) => "holds",
+            Some(false) => "does not hold",
+            None => "not known",
+        };
+        let line = format!("  {}: {holds} · {}", finding.finding, finding.figures);
+        let _ = writeln!(out, "{}", wrap(&line, 4));
+    }
+    for (hole, bored) in summaries.iter().zip(holes) {
+        overloads(&mut out, (scenario, wanted), hole, bored);
+    }
+    for hole in summaries.iter().filter(|h| h.unreached > 0) {
+        let line = format!(
+            "far      {}: {} ticks without a command that reaches the pose; the one before stood",
+            hole.mode.word(),
+            hole.unreached
+        );
+        say(&mut out, &line);
+    }
+    out.push('\n');
+    out
+}
+
+/// The holes side by side, a row per figure.
+fn summary_table(summaries: &[Summary]) -> String {
     let mut header = vec!["commands"];
     header.extend(summaries.iter().map(|hole| hole.mode.word()));
     let right: Vec<usize> = (1..header.len()).collect();
@@ -163,54 +190,47 @@ pub fn text(scenario: &Scenario, wanted: &Drilling, holes: &[Bored]) -> String {
     row("drill's sensor, Fz steady, N", &|h| number(h.tool_fz_N));
     row("both sensors, sum over peak", &|h| percent(h.balance));
     row("  of moments", &|h| percent(h.moment_balance));
-    out += &render(&rows);
-    out += "\n\nthe paper's findings\n";
-    for finding in findings(wanted, &summaries) {
-        let holds = match finding.holds {
-            Some(true) => "holds",
-            Some(false) => "does not hold",
-            None => "not known",
-        };
-        let line = format!("  {}: {holds} · {}", finding.finding, finding.figures);
-        let _ = writeln!(out, "{}", wrap(&line, 4));
-    }
-    for (hole, bored) in summaries.iter().zip(holes) {
-        let word = hole.mode.word();
-        let mut say = |line: String| {
-            let _ = writeln!(out, "{}", wrap(&line, 9));
-        };
-        if hole.buckling > 1.0 {
-            say(format!(
+    render(&rows)
+}
+
+/// What a drill or a joint does not bear.
+fn overloads(
+    out: &mut String,
+    (scenario, wanted): (&Scenario, &Drilling),
+    hole: &Summary,
+    bored: &Bored,
+) {
+    let word = hole.mode.word();
+    if hole.buckling > 1.0 {
+        say(
+            out,
+            &format!(
                 "breaks   {word}: the drill buckles at {} N, it bears {} N: the hole is none",
                 number(wanted.drill().buckling_load()),
                 number(hole.thrust_peak_N)
-            ));
-        }
-        if hole.bending > 1.0 {
-            say(format!(
+            ),
+        );
+    }
+    if hole.bending > 1.0 {
+        say(
+            out,
+            &format!(
                 "breaks   {word}: bent to {} times what carbide bears: the hole is none",
                 number(hole.bending)
-            ));
-        }
-        for &(joint, torque, rating) in &bored.overloaded {
-            say(format!(
+            ),
+        );
+    }
+    for &(joint, torque, rating) in &bored.overloaded {
+        say(
+            out,
+            &format!(
                 "load     {word}: {} bears {} N·m, rated {}",
                 scenario.setup.robot.joints[joint].name,
                 number(torque),
                 number(rating)
-            ));
-        }
-    }
-    for hole in summaries.iter().filter(|h| h.unreached > 0) {
-        let line = format!(
-            "far      {}: {} ticks without a command that reaches the pose; the one before stood",
-            hole.mode.word(),
-            hole.unreached
+            ),
         );
-        let _ = writeln!(out, "{}", wrap(&line, 9));
     }
-    out.push('\n');
-    out
 }
 
 /// The two sensors' readings without the weights, board's first.

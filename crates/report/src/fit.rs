@@ -5,6 +5,7 @@ use misfit_campaign::Campaign;
 use misfit_core::effects::Role;
 use misfit_core::fit::noise::Source;
 use misfit_core::fit::{Errors, Fit, HeldoutBy, Status};
+use misfit_core::model::Term;
 use std::fmt::Write;
 
 /// Which parameters to list.
@@ -141,92 +142,87 @@ fn error_lines(fit: &Fit, baseline: Option<&Fit>) -> String {
     render(&rows)
 }
 
-/// One table an effect: compliances with their stiffness, frames and offsets as they are, geometry as a count.
+/// One table per effect: compliances with their stiffness, frames and offsets as they are, geometry as a count.
 fn parameter_tables(fit: &Fit, all: bool) -> String {
     let mut out = String::new();
-    let quantile = fit.quantile();
     for term in &fit.model.terms {
         let range = term.first..term.first + term.parameters.len();
         let id = term.effect.id();
         let role = term.effect.role();
         if role == Some(Role::Geometry) && !all {
-            let estimated = range
-                .clone()
-                .filter(|&k| fit.status[k] == Status::Estimated)
-                .count();
-            let _ = writeln!(
-                out,
-                "\n{}",
-                wrap(
-                    &format!(
-                        " {id} · {} parameters, {estimated} identified one by one, the others only \
-                         in combination (--all lists them)",
-                        range.len()
-                    ),
-                    2
-                )
+            let line = format!(
+                " {id} · {} parameters, {} identified one by one, the others only in combination (--all lists them)",
+                range.len(),
+                range
+                    .filter(|&k| fit.status[k] == Status::Estimated)
+                    .count()
             );
+            let _ = writeln!(out, "\n{}", wrap(&line, 2));
             continue;
         }
-        let compliance = role == Some(Role::Spring);
-        let revolute = term.parameters.iter().all(|p| p.unit == "rad/(N·m)");
-        let mut rows = if compliance {
-            table(
-                &[
-                    id,
-                    if revolute {
-                        "c µrad/(N·m)"
-                    } else {
-                        "c (1e-6 SI)"
-                    },
-                    "± 95 %",
-                    "K = 1/c",
-                    "95 % interval of K",
-                    "status",
-                ],
-                &[1, 2, 3, 4],
-            )
-        } else {
-            table(&[id, "value", "± 95 %", "unit", "status"], &[1, 2])
+        let rows = match role {
+            Some(Role::Spring) => compliance_table(fit, term),
+            _ => value_table(fit, term),
         };
-        for k in range {
-            let parameter = &term.parameters[k - term.first];
-            let half = fit.std[k].map(|std| std * quantile);
-            let status = fit.status[k].word().to_owned();
-            if compliance {
-                let (value, interval) = stiffness(fit.values[k], half, &parameter.unit);
-                let shown = fit.status[k] != Status::Unobservable;
-                let dash = || "—".to_owned();
-                rows.add_row(vec![
-                    parameter.name.clone(),
-                    if shown {
-                        number(fit.values[k] * 1e6)
-                    } else {
-                        dash()
-                    },
-                    half.map_or_else(dash, |h| number(h * 1e6)),
-                    if shown { value } else { dash() },
-                    interval,
-                    status,
-                ]);
-            } else {
-                let shown = fit.status[k] != Status::Unobservable;
-                rows.add_row(vec![
-                    parameter.name.clone(),
-                    if shown {
-                        significant(fit.values[k], 6)
-                    } else {
-                        "—".to_owned()
-                    },
-                    half.map_or("—".to_owned(), number),
-                    parameter.unit.clone(),
-                    status,
-                ]);
-            }
-        }
-        let _ = writeln!(out, "\n{}", render(&rows));
+        let _ = writeln!(out, "\n{rows}");
     }
     out
+}
+
+/// Compliances and their stiffness.
+fn compliance_table(fit: &Fit, term: &Term) -> String {
+    let unit = match term.parameters.iter().all(|p| p.unit == "rad/(N·m)") {
+        true => "c µrad/(N·m)",
+        false => "c (1e-6 SI)",
+    };
+    let id = term.effect.id();
+    let interval = "95 % interval of K";
+    let header = [id, unit, "± 95 %", "K = 1/c", interval, "status"];
+    let mut rows = table(&header, &[1, 2, 3, 4]);
+    let dash = || "—".to_owned();
+    for (parameter, k) in term.parameters.iter().zip(term.first..) {
+        let half = fit.std[k].map(|std| std * fit.quantile());
+        let (value, interval) = stiffness(fit.values[k], half, &parameter.unit);
+        let shown = fit.status[k] != Status::Unobservable;
+        let (c, value) = match shown {
+            true => (number(fit.values[k] * 1e6), value),
+            false => (dash(), dash()),
+        };
+        let half = half.map_or_else(dash, |h| number(h * 1e6));
+        let status = fit.status[k].word().to_owned();
+        rows.add_row(vec![
+            parameter.name.clone(),
+            c,
+            half,
+            value,
+            interval,
+            status,
+        ]);
+    }
+    render(&rows)
+}
+
+/// Parameters as they are.
+fn value_table(fit: &Fit, term: &Term) -> String {
+    let header = [term.effect.id(), "value", "± 95 %", "unit", "status"];
+    let mut rows = table(&header, &[1, 2]);
+    let dash = || "—".to_owned();
+    for (parameter, k) in term.parameters.iter().zip(term.first..) {
+        let value = match fit.status[k] {
+            Status::Unobservable => dash(),
+            _ => significant(fit.values[k], 6),
+        };
+        let half = fit.std[k].map_or_else(dash, |std| number(std * fit.quantile()));
+        let status = fit.status[k].word().to_owned();
+        rows.add_row(vec![
+            parameter.name.clone(),
+            value,
+            half,
+            parameter.unit.clone(),
+            status,
+        ]);
+    }
+    render(&rows)
 }
 
 /// Stiffness and its interval; a compliance that may be zero has no upper end.

@@ -50,6 +50,12 @@ pub fn render(table: &Table) -> String {
     lines.join("\n")
 }
 
+/// Appends a line whose label takes nine columns, broken behind it.
+pub fn say(out: &mut String, line: &str) {
+    out.push_str(&wrap(line, 9));
+    out.push('\n');
+}
+
 /// Breaks a text at blanks into lines of at most [`WIDTH`] columns, continuation lines indented; the blanks
 /// that it starts with are kept.
 pub fn wrap(text: &str, indent: usize) -> String {

@@ -1,6 +1,6 @@
 //! Maps of the workspace: on the terminal, as JSON, as a table of points, and as pictures.
 
-use super::format::{angle, count, length, number, render, table, wrap};
+use super::format::{angle, count, length, number, render, say, table, wrap};
 use crate::plot::{Content, Figure, Map as Coloured, Panel};
 use misfit_arm::robot::JointKind;
 use misfit_campaign::recording::Cloud;
@@ -119,10 +119,50 @@ pub fn text(setup: &Setup, wanted: &Request, maps: &Maps) -> String {
     let mut out = wrap(&head, 9) + "\n";
     for (by, stiffness) in &maps.stiffness {
         for line in springs(setup, &maps.maps, stiffness) {
-            out += &(wrap(&format!("springs  {}: {line}", by.words()), 9) + "\n");
+            say(&mut out, &format!("springs  {}: {line}", by.words()));
         }
     }
     out.push('\n');
+    out += &(summary_table(setup, maps) + "\n\n");
+    for agreement in agreements(setup, wanted, maps) {
+        let line = format!(
+            "agree    {}: model and MuJoCo are at most {} apart, {} of the largest",
+            agreement.target,
+            length(agreement.position_max_m),
+            super::format::percent(agreement.relative)
+        );
+        say(&mut out, &line);
+    }
+    for map in &maps.maps {
+        let s = map.summary(setup);
+        if s.collapsed > 0 {
+            let line = format!(
+                "load     {}: at {} the arm does not hold this load by {}",
+                s.target,
+                count(s.collapsed, "point"),
+                s.by.words()
+            );
+            say(&mut out, &line);
+        }
+        if s.overloaded > 0 {
+            let line = format!(
+                "load     {}: at {} of {} a joint bears more than it is rated for, by {}",
+                s.target,
+                count(s.overloaded, "point"),
+                s.reached,
+                s.by.words()
+            );
+            say(&mut out, &line);
+        }
+        if s.reached == 0 && Some(map.by) == maps.stiffness.first().map(|(by, _)| *by) {
+            let line = format!("far      {}: no point is in reach", s.target);
+            say(&mut out, &line);
+        }
+    }
+    out
+}
+
+fn summary_table(setup: &Setup, maps: &Maps) -> String {
     let header = [
         "target",
         "by",
@@ -153,44 +193,7 @@ pub fn text(setup: &Setup, wanted: &Request, maps: &Maps) -> String {
             angle(s.orientation_max_rad),
         ]);
     }
-    out += &render(&rows);
-    out += "\n\n";
-    for agreement in agreements(setup, wanted, maps) {
-        let line = format!(
-            "agree    {}: model and MuJoCo are at most {} apart, {} of the largest",
-            agreement.target,
-            length(agreement.position_max_m),
-            super::format::percent(agreement.relative)
-        );
-        out += &(wrap(&line, 9) + "\n");
-    }
-    for map in &maps.maps {
-        let s = map.summary(setup);
-        if s.collapsed > 0 {
-            let line = format!(
-                "load     {}: at {} the arm does not hold this load by {}",
-                s.target,
-                count(s.collapsed, "point"),
-                s.by.words()
-            );
-            out += &(wrap(&line, 9) + "\n");
-        }
-        if s.overloaded > 0 {
-            let line = format!(
-                "load     {}: at {} of {} a joint bears more than it is rated for, by {}",
-                s.target,
-                count(s.overloaded, "point"),
-                s.reached,
-                s.by.words()
-            );
-            out += &(wrap(&line, 9) + "\n");
-        }
-        if s.reached == 0 && Some(map.by) == maps.stiffness.first().map(|(by, _)| *by) {
-            let line = format!("far      {}: no point is in reach", s.target);
-            out += &(wrap(&line, 9) + "\n");
-        }
-    }
-    out
+    render(&rows)
 }
 
 /// Which slices or volume.

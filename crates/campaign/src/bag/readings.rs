@@ -3,18 +3,18 @@
 use super::average::{inliers, joints as mean_joints, points, rotations};
 use super::dwells::{Stop, apart, merge, still_span, stops, target_bound};
 use super::stream::Series;
-use super::{Spec, Tracked};
+use super::{DwellSpec, Spec, Tracked};
 use crate::MIN_REPEAT_DOF;
 use crate::campaign::{Noise, Reading, Wrench};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
 
-/// A stop in which the tracker sees its target for less than this share is one without sight.
-const IN_SIGHT: f64 = 0.5;
-/// A target that is farther at the end of a stop than at its beginning by so many times the scatter of a sample creeps.
-const CREEP: f64 = 4.0;
-/// … but not by less than this, m.
-const LEAST_CREEP: f64 = 5e-5;
+/// Share of a stop for which the tracker has to see its target.
+const MIN_SHARE_SEEN: f64 = 0.5;
+/// A target creeps if the end of a stop is farther from its beginning than so many times the scatter of a sample,
+const CREEP_FACTOR: f64 = 4.0;
+/// … and than this, m.
+const MIN_CREEP: f64 = 5e-5;
 
 /// Stops and what became of them.
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize)]
@@ -54,7 +54,7 @@ pub struct Drop {
     pub first_s: f64,
 }
 
-/// Scatter of a target's readings, one standard deviation a coordinate.
+/// Scatter of a target's readings, one standard deviation per coordinate.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Scatter {
     /// The target.
@@ -103,50 +103,47 @@ struct Read {
     length: f64,
 }
 
+/// Why stops gave no reading, by target: how many, and when the first began, s.
+#[derive(Default)]
+struct Reasons(BTreeMap<(Option<usize>, String), (usize, f64)>);
+
+impl Reasons {
+    fn add(&mut self, target: Option<usize>, why: String, from: f64) {
+        self.0.entry((target, why)).or_insert((0, from)).0 += 1;
+    }
+
+    fn drops(self, spec: &Spec) -> Vec<Drop> {
+        let drops = self.0.into_iter();
+        let drops = drops.map(|((target, why), (stops, first_s))| Drop {
+            target: target.map(|t| spec.settings.targets[t].name.clone()),
+            why,
+            stops,
+            first_s,
+        });
+        drops.collect()
+    }
+}
+
 /// All stops with all targets.
 pub(super) fn readings(spec: &Spec, joints: &Series<Vec<f64>>, tracked: &[Tracked]) -> Found {
-    let rule = &spec.dwell;
-    let (all, joint_bounds) = stops(joints, rule.same_pose_rad);
-    let least = rule.min_s + 2.0 * rule.settle_s;
-    let mut dropped: BTreeMap<(Option<usize>, String), (usize, f64)> = BTreeMap::new();
-    let mut drop = |target: Option<usize>, why: String, from: f64| {
-        let entry = dropped.entry((target, why)).or_insert((0, from));
-        entry.0 += 1;
-    };
-    let zero = joints.span().map_or(0.0, |(first, _)| first);
-    let (long, short): (Vec<Stop>, Vec<Stop>) = all
-        .into_iter()
-        .partition(|stop| stop.to - stop.from >= least);
-    for stop in &short {
-        drop(None, format!("shorter than {least:.2} s"), stop.from - zero);
-    }
-    let found = long.len() + short.len();
-    let (stops, left_out) = merge(joints, long, rule.same_pose_rad);
-    for _ in 0..left_out {
-        drop(
-            None,
-            "part of the stop before: no joint left its place".into(),
-            0.0,
-        );
-    }
-    let bounds: Vec<f64> = tracked
-        .iter()
-        .map(|t| target_bound(&t.position, &stops, rule.settle_s))
-        .collect();
-    let mut dwells = Dwells {
-        stops: found,
-        joint_bound: joint_bounds.iter().copied().fold(0.0, f64::max),
-        target_bounds_m: bounds.clone(),
-        ..Dwells::default()
+    let mut reasons = Reasons::default();
+    let mut dwells = Dwells::default();
+    let stops = long_stops(spec, joints, &mut dwells, &mut reasons);
+    let bound = |t: &Tracked| target_bound(&t.position, &stops, spec.dwell.settle_s);
+    dwells.target_bounds_m = tracked.iter().map(bound).collect();
+    let averaging = Averaging {
+        rule: &spec.dwell,
+        joints,
+        zero: joints.span().map_or(0.0, |(first, _)| first),
     };
     let mut postures: Vec<(Vec<f64>, usize)> = Vec::new();
     let mut reads: Vec<Read> = Vec::new();
     for stop in &stops {
         let mut own = Vec::new();
         for (target, streams) in tracked.iter().enumerate() {
-            match read(spec, joints, streams, target, bounds[target], stop, zero) {
+            match averaging.read(streams, target, dwells.target_bounds_m[target], stop) {
                 Ok(read) => own.push(read),
-                Err(why) => drop(Some(target), why, stop.from - zero),
+                Err(why) => reasons.add(Some(target), why, stop.from - averaging.zero),
             }
         }
         if own.is_empty() {
@@ -155,7 +152,7 @@ pub(super) fn readings(spec: &Spec, joints: &Series<Vec<f64>>, tracked: &[Tracke
         dwells.read += 1;
         let place = postures
             .iter()
-            .position(|(posture, _)| apart(posture, &stop.joints) < rule.same_pose_rad);
+            .position(|(posture, _)| apart(posture, &stop.joints) < spec.dwell.same_pose_rad);
         let place = place.unwrap_or_else(|| {
             postures.push((stop.joints.clone(), 0));
             postures.len() - 1
@@ -174,15 +171,7 @@ pub(super) fn readings(spec: &Spec, joints: &Series<Vec<f64>>, tracked: &[Tracke
     }
     dwells.postures = postures.len();
     dwells.readings = reads.len();
-    dwells.dropped = dropped
-        .into_iter()
-        .map(|((target, why), (stops, first_s))| Drop {
-            target: target.map(|t| spec.settings.targets[t].name.clone()),
-            why,
-            stops,
-            first_s,
-        })
-        .collect();
+    dwells.dropped = reasons.drops(spec);
     let scatter: Vec<Scatter> = (0..tracked.len())
         .map(|target| scatter(&reads, target, &spec.settings.targets[target].name))
         .collect();
@@ -194,94 +183,129 @@ pub(super) fn readings(spec: &Spec, joints: &Series<Vec<f64>>, tracked: &[Tracke
     }
 }
 
-/// One target at one stop, or why not.
-fn read(
+/// Stops that are long enough, those merged between which no joint left its place.
+fn long_stops(
     spec: &Spec,
     joints: &Series<Vec<f64>>,
-    streams: &Tracked,
-    target: usize,
-    bound: f64,
-    stop: &Stop,
-    zero: f64,
-) -> Result<Read, String> {
+    dwells: &mut Dwells,
+    reasons: &mut Reasons,
+) -> Vec<Stop> {
     let rule = &spec.dwell;
-    let (from, to) = (stop.from + rule.settle_s, stop.to - rule.settle_s);
-    let (span, seen) = still_span(&streams.position, from, to, bound);
-    if seen < IN_SIGHT {
-        return Err("the tracker does not see the target".into());
+    let (all, joint_bounds) = stops(joints, rule.same_pose_rad);
+    let least = rule.min_s + 2.0 * rule.settle_s;
+    let zero = joints.span().map_or(0.0, |(first, _)| first);
+    let (long, short): (Vec<Stop>, Vec<Stop>) = all
+        .into_iter()
+        .partition(|stop| stop.to - stop.from >= least);
+    for stop in &short {
+        reasons.add(None, format!("shorter than {least:.2} s"), stop.from - zero);
     }
-    let (from, to) = span.ok_or("the target moves")?;
-    if to - from < rule.min_s {
-        return Err("the target moves".into());
+    dwells.stops = long.len() + short.len();
+    dwells.joint_bound = joint_bounds.iter().copied().fold(0.0, f64::max);
+    let (stops, merged) = merge(joints, long, rule.same_pose_rad);
+    for _ in 0..merged {
+        let why = "part of the stop before: no joint left its place";
+        reasons.add(None, why.to_owned(), 0.0);
     }
-    let enough = |what: &str, count: usize| match count >= rule.min_samples {
-        true => Ok(()),
-        false => Err(format!(
-            "fewer than {} samples of the {what}",
-            rule.min_samples
-        )),
-    };
-    let own = joints.range(from, to);
-    enough("joints", own.len())?;
-    let angles = mean_joints(&joints.values[own]);
-    let range = streams.position.range(from, to);
-    enough("tracker", range.len())?;
-    let samples = &streams.position.values[range.clone()];
-    let kept = inliers(samples);
-    enough("tracker", kept.len())?;
-    let good: Vec<Vector3<f64>> = kept.iter().map(|k| samples[*k]).collect();
-    let position = points(&good);
-    let third = good.len() / 3;
-    if third > 0 {
-        let ends = points(&good[good.len() - third..]).mean - points(&good[..third]).mean;
-        if ends.norm() > (CREEP * position.scatter).max(LEAST_CREEP) {
-            return Err("the target creeps".into());
+    stops
+}
+
+/// What all means share.
+struct Averaging<'a> {
+    rule: &'a DwellSpec,
+    joints: &'a Series<Vec<f64>>,
+    /// When the joints begin, s.
+    zero: f64,
+}
+
+impl Averaging<'_> {
+    /// One target at one stop, or why not; the target is still below a bound, m in 0.2 s.
+    fn read(
+        &self,
+        streams: &Tracked,
+        target: usize,
+        bound: f64,
+        stop: &Stop,
+    ) -> Result<Read, String> {
+        let (rule, joints, zero) = (self.rule, self.joints, self.zero);
+        let (from, to) = (stop.from + rule.settle_s, stop.to - rule.settle_s);
+        let (span, seen) = still_span(&streams.position, from, to, bound);
+        if seen < MIN_SHARE_SEEN {
+            return Err("the tracker does not see the target".into());
         }
-    }
-    let orientation = match &streams.orientation {
-        None => None,
-        Some(all) => {
-            let turned: Vec<UnitQuaternion<f64>> =
-                kept.iter().map(|k| all[range.start + k]).collect();
-            Some(rotations(&turned).ok_or("its orientations have no mean")?)
+        let (from, to) = span.ok_or("the target moves")?;
+        if to - from < rule.min_s {
+            return Err("the target moves".into());
         }
-    };
-    let wrench = match &streams.wrench {
-        None => None,
-        Some(series) => {
-            let own = &series.values[series.range(from, to)];
-            if own.is_empty() {
-                return Err("no wrench".into());
+        let enough = |what: &str, count: usize| match count >= rule.min_samples {
+            true => Ok(()),
+            false => Err(format!(
+                "fewer than {} samples of the {what}",
+                rule.min_samples
+            )),
+        };
+        let own = joints.range(from, to);
+        enough("joints", own.len())?;
+        let angles = mean_joints(&joints.values[own]);
+        let range = streams.position.range(from, to);
+        enough("tracker", range.len())?;
+        let samples = &streams.position.values[range.clone()];
+        let kept = inliers(samples);
+        enough("tracker", kept.len())?;
+        let good: Vec<Vector3<f64>> = kept.iter().map(|k| samples[*k]).collect();
+        let position = points(&good);
+        let third = good.len() / 3;
+        if third > 0 {
+            let ends = points(&good[good.len() - third..]).mean - points(&good[..third]).mean;
+            if ends.norm() > (CREEP_FACTOR * position.scatter).max(MIN_CREEP) {
+                return Err("the target creeps".into());
             }
-            enough("wrench", own.len())?;
-            let (forces, torques): (Vec<_>, Vec<_>) =
-                own.iter().map(|w| (w.force, w.torque)).unzip();
-            Some((points(&forces), points(&torques)))
         }
-    };
-    let sample = Sizes {
-        joint_rad: angles.scatter,
-        position_m: position.scatter,
-        orientation_rad: orientation.map(|o| o.scatter),
-        force_N: wrench.map(|(force, _)| force.scatter),
-        torque_Nm: wrench.map(|(_, torque)| torque.scatter),
-    };
-    let mut reading = Reading::to_be(target, angles.mean);
-    reading.time = Some((from + to) / 2.0 - zero);
-    reading.approach = Some(stop.approach.clone());
-    reading.position = position.mean;
-    reading.orientation = orientation.map(|o| o.mean);
-    reading.wrench = wrench.map(|(force, torque)| Wrench {
-        force: force.mean,
-        torque: torque.mean,
-    });
-    Ok(Read {
-        reading,
-        sample,
-        count: good.len(),
-        outliers: samples.len() - good.len(),
-        length: to - from,
-    })
+        let orientation = match &streams.orientation {
+            None => None,
+            Some(all) => {
+                let turned: Vec<UnitQuaternion<f64>> =
+                    kept.iter().map(|k| all[range.start + k]).collect();
+                Some(rotations(&turned).ok_or("its orientations have no mean")?)
+            }
+        };
+        let wrench = match &streams.wrench {
+            None => None,
+            Some(series) => {
+                let own = &series.values[series.range(from, to)];
+                if own.is_empty() {
+                    return Err("no wrench".into());
+                }
+                enough("wrench", own.len())?;
+                let (forces, torques): (Vec<_>, Vec<_>) =
+                    own.iter().map(|w| (w.force, w.torque)).unzip();
+                Some((points(&forces), points(&torques)))
+            }
+        };
+        let sample = Sizes {
+            joint_rad: angles.scatter,
+            position_m: position.scatter,
+            orientation_rad: orientation.map(|o| o.scatter),
+            force_N: wrench.map(|(force, _)| force.scatter),
+            torque_Nm: wrench.map(|(_, torque)| torque.scatter),
+        };
+        let mut reading = Reading::to_be(target, angles.mean);
+        reading.time = Some((from + to) / 2.0 - zero);
+        reading.approach = Some(stop.approach.clone());
+        reading.position = position.mean;
+        reading.orientation = orientation.map(|o| o.mean);
+        reading.wrench = wrench.map(|(force, torque)| Wrench {
+            force: force.mean,
+            torque: torque.mean,
+        });
+        Ok(Read {
+            reading,
+            sample,
+            count: good.len(),
+            outliers: samples.len() - good.len(),
+            length: to - from,
+        })
+    }
 }
 
 /// Middle of some sizes.

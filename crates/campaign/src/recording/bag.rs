@@ -32,6 +32,9 @@ pub struct Stamp {
     pub log: i64,
 }
 
+/// Stamp, names of the joints, and their positions, rad (m).
+pub type JointSample = (Stamp, Arc<[String]>, Vec<f64>);
+
 /// Position (m) and rotation (x y z w) if the type has one.
 pub type PoseSample = (Stamp, Vector3<f64>, Option<[f64; 4]>);
 
@@ -39,7 +42,7 @@ pub type PoseSample = (Stamp, Vector3<f64>, Option<[f64; 4]>);
 #[derive(Debug, Clone, PartialEq)]
 pub enum Samples {
     /// `sensor_msgs/msg/JointState`: names and positions, rad or m.
-    Joints(Vec<(Stamp, Arc<[String]>, Vec<f64>)>),
+    Joints(Vec<JointSample>),
     /// `geometry_msgs/msg/PoseStamped`, `TransformStamped` or `PointStamped`.
     Poses(Vec<PoseSample>),
     /// `tf2_msgs/msg/TFMessage`, by parent and child.

@@ -19,7 +19,7 @@ mod results;
 mod transforms;
 mod write;
 
-pub use bag::{Bag, PoseSample, Samples, Stamp, Topic, is_bag, read_bag};
+pub use bag::{Bag, JointSample, PoseSample, Samples, Stamp, Topic, is_bag, read_bag};
 pub use cloud::{Cloud, write_clouds};
 pub use error::RecordingError;
 pub use read::{Recording, read_campaign, read_recording};

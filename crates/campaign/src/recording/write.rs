@@ -2,8 +2,8 @@
 
 use super::error::RecordingError;
 use super::messages::{
-    JointState, PoseStamped, ReadingMessage, Temperature, Text, TransformStamped, Transforms,
-    WrenchStamped,
+    Header, JointState, PoseStamped, ReadingMessage, Temperature, Text, TransformStamped,
+    Transforms, WrenchStamped,
 };
 use super::recorder::{Encoded, Recorder, channel, header, stamp, writer};
 use super::results::{
@@ -311,6 +311,39 @@ impl<'a> Scene<'a> {
         transforms
     }
 
+    /// What no standard message holds.
+    fn rest<'b>(&'b self, reading: &'b Reading, header: Header<'b>) -> ReadingMessage<'b> {
+        ReadingMessage {
+            header,
+            line: reading.line as u64,
+            target: Cow::Borrowed(&self.campaign.targets[reading.target].name),
+            pose: Cow::Borrowed(reading.pose.as_slice()),
+            repeat: Cow::Borrowed(reading.repeat.as_slice()),
+            heldout: reading.split == Split::Heldout,
+            has_orientation: reading.orientation.is_some(),
+            has_wrench: reading.wrench.is_some(),
+            time: Cow::Borrowed(reading.time.as_slice()),
+            temperature: Cow::Borrowed(reading.temperature.as_slice()),
+            temperature_links: reading
+                .link_temperatures
+                .iter()
+                .map(|(link, _)| self.campaign.robot.links[*link].name.clone())
+                .collect(),
+            link_temperatures: reading.link_temperatures.iter().map(|(_, t)| *t).collect(),
+            approach: reading
+                .approach
+                .iter()
+                .flatten()
+                .map(|direction| *direction as i8)
+                .collect(),
+            payload: reading
+                .payload
+                .iter()
+                .flat_map(|p| [p.mass, p.com.x, p.com.y, p.com.z])
+                .collect(),
+        }
+    }
+
     fn reading(&self, channels: &Channels, index: usize, time: u64) -> io::Result<Encoded> {
         let reading = &self.campaign.readings[index];
         let robot = &self.campaign.robot;
@@ -362,35 +395,7 @@ impl<'a> Scene<'a> {
             };
             out.add(channels.temperature, &temperature)?;
         }
-        let rest = ReadingMessage {
-            header: header(time, link),
-            line: reading.line as u64,
-            target: Cow::Borrowed(&target.name),
-            pose: Cow::Borrowed(reading.pose.as_slice()),
-            repeat: Cow::Borrowed(reading.repeat.as_slice()),
-            heldout: reading.split == Split::Heldout,
-            has_orientation: reading.orientation.is_some(),
-            has_wrench: reading.wrench.is_some(),
-            time: Cow::Borrowed(reading.time.as_slice()),
-            temperature: Cow::Borrowed(reading.temperature.as_slice()),
-            temperature_links: reading
-                .link_temperatures
-                .iter()
-                .map(|(link, _)| robot.links[*link].name.clone())
-                .collect(),
-            link_temperatures: reading.link_temperatures.iter().map(|(_, t)| *t).collect(),
-            approach: reading
-                .approach
-                .iter()
-                .flatten()
-                .map(|direction| *direction as i8)
-                .collect(),
-            payload: reading
-                .payload
-                .iter()
-                .flat_map(|p| [p.mass, p.com.x, p.com.y, p.com.z])
-                .collect(),
-        };
+        let rest = self.rest(reading, header(time, link));
         out.add(channels.reading, &rest)?;
         if let (Some(results), Some(channels)) = (self.results, &channels.results) {
             let tracker = &self.tracker;

@@ -4,17 +4,17 @@
 //! The plant knows nothing of any model. A pose asked for is that of the nominal robot at a random posture, standing and
 //! measured where the plant stands and is measured.
 
-use super::design::{DesignLoad, random_posture, stream};
+use super::design::{DesignLoad, from_below, random_posture, stream};
 use super::{Scenario, ScenarioError, efficiency::true_values, simulate};
-use crate::campaign::{Campaign, Payload, Reading};
+use crate::campaign::{Campaign, Reading};
 use crate::compensation::{End, Reach, Robot, correct, error};
 use crate::effects::EffectList;
 use crate::fit::{Fit, Options, fit};
 use crate::model::{Model, Prediction, Workspace};
 use crate::model_file;
-use crate::plant::{Command, Plant, PlantError, PlantSpec, State};
+use crate::plant::{Plant, PlantError, PlantSpec, State};
 use crate::space::{Space, generator};
-use nalgebra::{Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix6, Vector6};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Compensate {
-    /// Random poses a target.
+    /// Random poses per target.
     pub poses: usize,
     /// Models that correct, one after the other: `true` is the plant's own truth in the model's laws, any other word is
     /// what `--effects` takes; `default` is the default model.
@@ -36,7 +36,7 @@ pub struct Compensate {
     pub list: bool,
 }
 
-/// Poses and campaigns at most, so that a slip of the pen is no day's work.
+/// Poses, and campaigns, that one scenario may ask for: a typing error must not cost a day.
 const MAX_COUNT: usize = 100_000;
 
 fn default_models() -> Vec<String> {
@@ -210,10 +210,7 @@ fn correct_by(
     campaign: &Campaign,
     name: &str,
 ) -> Result<Corrections, ScenarioError> {
-    let of_plant = |source: PlantError| ScenarioError::Plant {
-        file: scenario.file.clone(),
-        source,
-    };
+    let of_plant = |source| scenario.plant_error(source);
     let (model, values, found) = learn(scenario, campaign, "[compensate] models", name)?;
     let spec = simulate::plant_spec(scenario).map_err(of_plant)?;
     let tasks = tasks(scenario, wanted, &spec)?;
@@ -239,10 +236,7 @@ pub(super) fn learn(
     key: &str,
     name: &str,
 ) -> Result<(Model, Vec<f64>, Option<Fit>), ScenarioError> {
-    let form = |message: String| ScenarioError::Form {
-        file: scenario.file.clone(),
-        message: format!("{key}: {name}: {message}"),
-    };
+    let form = |message: String| scenario.form_error(format!("{key}: {name}: {message}"));
     let list = match name {
         "default" => Ok(EffectList::DEFAULT),
         "true" => EffectList::parse("--effects", &truth_words(scenario)),
@@ -283,12 +277,7 @@ fn tasks(
 ) -> Result<Vec<Asked>, ScenarioError> {
     let setup = &scenario.setup;
     let mut random = generator(scenario.seed, stream::COMPENSATION);
-    let none = DesignLoad {
-        mass: 0.0,
-        com: Vector3::zeros(),
-        pull: Vector3::zeros(),
-    };
-    let load = scenario.design.loads.last().copied().unwrap_or(none);
+    let load = scenario.design.loads.last().copied().unwrap_or_default();
     let mut all = Vec::new();
     for target in 0..setup.targets.len() {
         for pose in 0..wanted.poses {
@@ -329,10 +318,7 @@ pub(super) fn task(
         approach: (scenario.design.directions > 1).then(|| vec![1.0; joints.len()]),
         position: seen.translation.vector,
         orientation: Some(seen.rotation),
-        payload: Some(Payload {
-            mass: load.mass,
-            com: load.com,
-        }),
+        payload: Some(load.payload()),
         ..Reading::to_be(target, joints)
     }
 }
@@ -371,13 +357,8 @@ fn arrive(
         return Ok(None);
     }
     let mut missed = |joints: &[f64]| -> Result<Vector6<f64>, PlantError> {
-        let state = plant.state(&Command {
-            joints: joints.to_vec(),
-            approach: vec![1.0; joints.len()],
-            loads: vec![asked.load.on(task.target)],
-            time: 0.0,
-            temperature: 0.0,
-        })?;
+        let loads = vec![asked.load.on(task.target)];
+        let state = plant.state(&from_below(joints.to_vec(), loads))?;
         Ok(error(&reached(spec, &state, task.target), task))
     };
     let before = missed(&corrected.nominal.joints)?;

@@ -1,6 +1,7 @@
 //! Where and how the plant is measured: random poses, loads, approach directions, repeats, order.
 
 use super::{Scenario, ScenarioError};
+use crate::campaign::Payload;
 use crate::plant::{Command, Load};
 use crate::space::{Space, TRIES, generator};
 use nalgebra::Vector3;
@@ -57,8 +58,8 @@ impl Design {
     }
 }
 
-/// A load of a design.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A load of a design; nothing by default.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DesignLoad {
     /// kg.
     pub mass: f64,
@@ -78,6 +79,25 @@ impl DesignLoad {
             pull: self.pull,
             moment: Vector3::zeros(),
         }
+    }
+
+    /// The same as a payload, without its pull.
+    pub fn payload(&self) -> Payload {
+        Payload {
+            mass: self.mass,
+            com: self.com,
+        }
+    }
+}
+
+/// The command of a posture approached from below under loads, at the middle of the campaign and its mean temperature.
+pub(super) fn from_below(joints: Vec<f64>, loads: Vec<Load>) -> Command {
+    Command {
+        approach: vec![1.0; joints.len()],
+        joints,
+        loads,
+        time: 0.0,
+        temperature: 0.0,
     }
 }
 
@@ -173,12 +193,11 @@ pub(super) fn random_posture(
 ) -> Result<Vec<f64>, ScenarioError> {
     let space = &scenario.design.space;
     let found = space.random_posture(&scenario.setup, random);
-    found.ok_or_else(|| ScenarioError::Form {
-        file: scenario.file.clone(),
-        message: format!(
+    found.ok_or_else(|| {
+        scenario.form_error(format!(
             "[design] least_height_m = {}: none of {TRIES} random postures has its targets so high; \
              accepted: a height that the arm reaches more often",
             space.least_height
-        ),
+        ))
     })
 }

@@ -159,17 +159,14 @@ pub fn study(
 
 /// Simulates one campaign and sets its estimates against truth and bound.
 fn run(scenario: &Scenario) -> Result<(bool, Vec<Outcome>), ScenarioError> {
-    let form = |message: String| ScenarioError::Form {
-        file: scenario.file.clone(),
-        message,
-    };
     let campaign = simulate::simulate(scenario, || {})?;
     let model = model_file::model(&campaign, &scenario.effects, scenario.model.as_deref())
-        .map_err(|error| form(error.to_string()))?;
+        .map_err(|error| scenario.form_error(error.to_string()))?;
     let options = Options {
         cross_validate: false,
     };
-    let found = fit(&campaign, &model, &options, |_| {}).map_err(|e| form(e.to_string()))?;
+    let found =
+        fit(&campaign, &model, &options, |_| {}).map_err(|e| scenario.form_error(e.to_string()))?;
     let paper = paper::fit(&campaign).ok();
     let truth = true_values(scenario, &model);
     let spectrum = information(scenario, &campaign, &model, &found.free);
@@ -234,10 +231,7 @@ pub struct Bound {
 pub fn bounds(scenario: &Scenario) -> Result<Vec<Bound>, ScenarioError> {
     let campaign = simulate::simulate(scenario, || {})?;
     let model = model_file::model(&campaign, &scenario.effects, scenario.model.as_deref())
-        .map_err(|error| ScenarioError::Form {
-            file: scenario.file.clone(),
-            message: error.to_string(),
-        })?;
+        .map_err(|error| scenario.form_error(error.to_string()))?;
     let truth = true_values(scenario, &model);
     let parameters: Vec<_> = model.parameters().collect();
     let free: Vec<usize> = (0..parameters.len())

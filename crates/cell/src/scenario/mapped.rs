@@ -7,7 +7,7 @@ use super::{Scenario, ScenarioError, simulate};
 use crate::campaign::Payload;
 use crate::compensation::{Reach, Robot};
 use crate::map::{By, Map, Off, Request, Which, by_model, postures};
-use crate::plant::{Plant, PlantError};
+use crate::plant::{Plant, PlantError, PlantSpec};
 use crate::setup::Setup;
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -28,25 +28,14 @@ pub struct Maps {
 /// # Errors
 /// If that load has a pull: maps know dead weights alone.
 pub fn last_load(scenario: &Scenario) -> Result<Payload, ScenarioError> {
-    let none = Payload {
-        mass: 0.0,
-        com: Vector3::zeros(),
-    };
-    let Some(load) = scenario.design.loads.last() else {
-        return Ok(none);
-    };
+    let load = scenario.design.loads.last().copied().unwrap_or_default();
     if load.pull != Vector3::zeros() {
-        return Err(ScenarioError::Form {
-            file: scenario.file.clone(),
-            message: "[design] loads: the last one has pull_N, and a map knows dead weights alone; accepted: a last load \
-                      without pull_N"
-                .to_owned(),
-        });
+        return Err(scenario.form_error(
+            "[design] loads: the last one has pull_N, and a map knows dead weights alone; accepted: a last load without \
+             pull_N",
+        ));
     }
-    Ok(Payload {
-        mass: load.mass,
-        com: load.com,
-    })
+    Ok(load.payload())
 }
 
 /// Maps a load.
@@ -59,26 +48,12 @@ pub fn map(
     load: Payload,
     on_posture: impl Fn() + Sync,
 ) -> Result<Maps, ScenarioError> {
-    let of_plant = |source: PlantError| ScenarioError::Plant {
-        file: scenario.file.clone(),
-        source,
-    };
-    let form = |message: String| ScenarioError::Form {
-        file: scenario.file.clone(),
-        message,
-    };
+    let of_plant = |source| scenario.plant_error(source);
+    let form = |message: String| scenario.form_error(message);
     wanted.check(&scenario.setup).map_err(form)?;
-    let form = |message: String| ScenarioError::Form {
-        file: scenario.file.clone(),
-        message,
-    };
     let setup = &scenario.setup;
     let by = wanted.tellers();
     wanted.check_load(&load).map_err(form)?;
-    let form = |message: String| ScenarioError::Form {
-        file: scenario.file.clone(),
-        message,
-    };
     // a map by the plant alone needs no readings: the frames come from the scenario
     let campaign = match by.contains(&By::Model) {
         true => simulate::simulate(scenario, || {})?,
@@ -109,40 +84,15 @@ pub fn map(
         for &by in &by {
             let off = match by {
                 By::Model => by_model(&robot, target, &found, &load, wanted.error),
-                By::Plant => {
-                    let plant = Plant::build(&spec).map_err(of_plant)?;
-                    let nominal = |joints: &[f64]| {
-                        let link = &setup.robot.links[setup.targets[target].link];
-                        setup.robot.body_poses(joints)[link.body]
-                            * link.body_from_link
-                            * spec.targets[target].1
-                    };
-                    let hanging = DesignLoad {
-                        mass: load.mass,
-                        com: load.com,
-                        pull: Vector3::zeros(),
-                    };
-                    plant
-                        .visit_all(&found, |plant, joints| {
-                            on_posture();
-                            let Some(joints) = joints else {
-                                return Ok(None);
-                            };
-                            let loaded = held(plant, &spec, joints, target, Some(&hanging))?;
-                            let against = match wanted.error {
-                                Which::Load => {
-                                    held(plant, &spec, joints, target, None)?.map(|(pose, _)| pose)
-                                }
-                                Which::Total => Some(nominal(joints)),
-                            };
-                            Ok(loaded.zip(against).map(|((a, torques), b)| Off {
-                                position: (a.translation.vector - b.translation.vector).norm(),
-                                orientation: a.rotation.angle_to(&b.rotation),
-                                overloaded: !setup.robot.overloaded(&torques).is_empty(),
-                            }))
-                        })
-                        .map_err(of_plant)?
-                }
+                By::Plant => by_plant(
+                    (&spec, setup),
+                    target,
+                    &found,
+                    &load,
+                    wanted.error,
+                    &on_posture,
+                )
+                .map_err(of_plant)?,
             };
             maps.push(Map {
                 target,
@@ -164,6 +114,45 @@ pub fn map(
         stiffness: stiffness.collect(),
         maps,
         load,
+    })
+}
+
+/// How far the plant is off at each posture, where the arm holds.
+fn by_plant(
+    (spec, setup): (&PlantSpec, &Setup),
+    target: usize,
+    found: &[Option<Vec<f64>>],
+    load: &Payload,
+    error: Which,
+    on_posture: impl Fn() + Sync,
+) -> Result<Vec<Option<Off>>, PlantError> {
+    let hanging = DesignLoad {
+        mass: load.mass,
+        com: load.com,
+        pull: Vector3::zeros(),
+    };
+    let link = &setup.robot.links[setup.targets[target].link];
+    let nominal = |joints: &[f64]| {
+        let base_from_link = setup.robot.body_poses(joints)[link.body] * link.body_from_link;
+        base_from_link * spec.targets[target].1
+    };
+    Plant::build(spec)?.visit_all(found, |plant, joints| {
+        on_posture();
+        let Some(joints) = joints else {
+            return Ok(None);
+        };
+        let loaded = held(plant, spec, joints, target, Some(&hanging))?;
+        let reference = match error {
+            Which::Load => held(plant, spec, joints, target, None)?.map(|(pose, _)| pose),
+            Which::Total => Some(nominal(joints)),
+        };
+        Ok(loaded
+            .zip(reference)
+            .map(|((pose, torques), reference)| Off {
+                position: (pose.translation.vector - reference.translation.vector).norm(),
+                orientation: pose.rotation.angle_to(&reference.rotation),
+                overloaded: !setup.robot.overloaded(&torques).is_empty(),
+            }))
     })
 }
 

@@ -14,12 +14,15 @@ mod presets;
 pub mod pull;
 mod read;
 pub mod simulate;
+mod tool;
 pub mod workspace;
 
 pub use planned::planned;
+pub use tool::Tool;
 
 use crate::campaign::{Frame, Noise, RobotFile};
 use crate::effects::{AnyEffect, EffectList};
+use crate::plant::PlantError;
 use crate::scenario::blind::Blind;
 use crate::setup::Setup;
 use design::Design;
@@ -97,10 +100,23 @@ impl Scenario {
         other.truth = read::truths(&self.file, self.truth_tables.clone(), &self.setup, seed)?;
         Ok(other)
     }
+
+    /// What its file says does not do.
+    fn form_error(&self, message: impl Into<String>) -> ScenarioError {
+        ScenarioError::form(&self.file, message)
+    }
+
+    /// Its plant cannot be built, or collapses.
+    pub(crate) fn plant_error(&self, source: PlantError) -> ScenarioError {
+        ScenarioError::Plant {
+            file: self.file.clone(),
+            source,
+        }
+    }
 }
 
 /// What a scenario does: one thing.
-#[expect(clippy::large_enum_variant, reason = "there is one a scenario")]
+#[expect(clippy::large_enum_variant, reason = "one per scenario")]
 #[derive(Debug, Clone)]
 pub enum Job {
     /// Fits one campaign.
@@ -138,12 +154,12 @@ impl Job {
     /// # Errors
     /// A sentence that names the key, what was found and what is accepted.
     fn check(&self, setup: &Setup) -> Result<(), String> {
-        /// Campaigns of an efficiency study at most.
-        const MOST_CAMPAIGNS: usize = 1_000_000;
+        /// Of an efficiency study.
+        const MAX_CAMPAIGNS: usize = 1_000_000;
         match self {
             Job::Fit => Ok(()),
-            Job::Study { campaigns } if (1..=MOST_CAMPAIGNS).contains(campaigns) => Ok(()),
-            Job::Study { .. } => Err(format!("campaigns: accepted are 1 to {MOST_CAMPAIGNS}")),
+            Job::Study { campaigns } if (1..=MAX_CAMPAIGNS).contains(campaigns) => Ok(()),
+            Job::Study { .. } => Err(format!("campaigns: accepted are 1 to {MAX_CAMPAIGNS}")),
             Job::Compensate(wanted) => wanted.check(),
             Job::Loop(wanted) => wanted.check(setup),
             Job::Map(wanted) => wanted.check(setup),
@@ -192,6 +208,13 @@ pub enum ScenarioError {
         /// Scenario file.
         file: String,
         /// Reason.
-        source: crate::plant::PlantError,
+        source: PlantError,
     },
+}
+
+impl ScenarioError {
+    fn form(file: &str, message: impl Into<String>) -> Self {
+        let (file, message) = (file.to_owned(), message.into());
+        Self::Form { file, message }
+    }
 }

@@ -1,7 +1,7 @@
 //! A scenario as the ground of a plan: how its design measures, in a campaign that was not yet taken.
 
 use super::{Scenario, ScenarioError, simulate};
-use crate::campaign::{Campaign, Payload};
+use crate::campaign::Campaign;
 use crate::plan::Protocol;
 use nalgebra::Vector3;
 
@@ -11,32 +11,28 @@ use nalgebra::Vector3;
 /// # Errors
 /// For designs with pulls, whose loads only the wrist sensor knows, and for scenarios without noise.
 pub fn planned(scenario: &Scenario) -> Result<(Protocol, Campaign), ScenarioError> {
-    let form = |message: &str| ScenarioError::Form {
-        file: scenario.file.clone(),
-        message: message.to_owned(),
-    };
     let design = &scenario.design;
     if design
         .loads
         .iter()
         .any(|load| load.pull != Vector3::zeros())
     {
-        return Err(form(
+        return Err(scenario.form_error(
             "[design] loads: a plan knows dead weights alone; accepted: loads without pull_N",
         ));
     }
     if scenario.noise.position <= 0.0 {
-        return Err(form(
+        return Err(scenario.form_error(
             "[noise] position_m is 0: what is worth measuring depends on the noise; accepted: above 0",
         ));
     }
-    let payload = |load: &super::design::DesignLoad| Payload {
-        mass: load.mass,
-        com: load.com,
-    };
     let protocol = Protocol {
         targets: (0..scenario.setup.targets.len()).collect(),
-        loads: design.loads.iter().map(payload).map(Some).collect(),
+        loads: design
+            .loads
+            .iter()
+            .map(|load| Some(load.payload()))
+            .collect(),
         directions: match design.directions {
             1 => vec![None],
             _ => vec![Some(-1.0), Some(1.0)],

@@ -46,11 +46,8 @@ pub fn simulate(
     scenario: &Scenario,
     on_reading: impl Fn() + Sync,
 ) -> Result<Campaign, ScenarioError> {
-    let plant = |source: PlantError| ScenarioError::Plant {
-        file: scenario.file.clone(),
-        source,
-    };
-    let spec = plant_spec(scenario).map_err(plant)?;
+    let of_plant = |source| scenario.plant_error(source);
+    let spec = plant_spec(scenario).map_err(of_plant)?;
     measure(scenario, &spec, &scenario.noise, on_reading)
 }
 
@@ -65,11 +62,8 @@ pub fn measure(
     noise: &Noise,
     on_reading: impl Fn() + Sync,
 ) -> Result<Campaign, ScenarioError> {
-    let plant = |source: PlantError| ScenarioError::Plant {
-        file: scenario.file.clone(),
-        source,
-    };
-    let original = Plant::build(spec).map_err(plant)?;
+    let of_plant = |source| scenario.plant_error(source);
+    let original = Plant::build(spec).map_err(of_plant)?;
     let visits = visits(scenario)?;
     let mut random = generator(scenario.seed, stream::NOISE);
     let joints = scenario.setup.robot.joints.len();
@@ -110,7 +104,7 @@ pub fn measure(
             on_reading();
             reading
         })
-        .map_err(plant)?;
+        .map_err(of_plant)?;
     Ok(campaign(scenario, readings))
 }
 

@@ -1,9 +1,9 @@
 //! How far the plant gives way over its workspace: what a load does to the target's pose, by MuJoCo.
 
-use super::design::{DesignLoad, random_posture, stream};
+use super::design::{DesignLoad, from_below, random_posture, stream};
 use super::{Scenario, ScenarioError, Truth, presets, simulate};
 use crate::effects::Role;
-use crate::plant::{Command, Plant, PlantError, PlantSpec};
+use crate::plant::{Plant, PlantError, PlantSpec};
 use crate::space::generator;
 use serde::{Deserialize, Serialize};
 
@@ -56,7 +56,7 @@ pub fn survey(
         if let Some(exponent) = exponent {
             soften(&mut one, exponent)?;
         }
-        let spec = simulate::plant_spec(&one).map_err(|error| plant(scenario, error))?;
+        let spec = simulate::plant_spec(&one).map_err(|error| scenario.plant_error(error))?;
         for target in 0..scenario.setup.targets.len() {
             rows.push(survey_target(
                 &one,
@@ -71,20 +71,10 @@ pub fn survey(
     Ok(rows)
 }
 
-fn plant(scenario: &Scenario, source: PlantError) -> ScenarioError {
-    ScenarioError::Plant {
-        file: scenario.file.clone(),
-        source,
-    }
-}
-
 /// Gives the truth's springs the paper's values with another exponent.
 fn soften(scenario: &mut Scenario, exponent: i32) -> Result<(), ScenarioError> {
     let stiffness = presets::stiffness("paper", Some(exponent), &scenario.setup);
-    let stiffness = stiffness.map_err(|message| ScenarioError::Form {
-        file: scenario.file.clone(),
-        message,
-    })?;
+    let stiffness = stiffness.map_err(|message| scenario.form_error(message))?;
     let springs = scenario.truth.iter_mut();
     for Truth { values, .. } in springs.filter(|t| t.effect.role() == Some(Role::Spring)) {
         for (joint, stiffness) in &stiffness {
@@ -109,7 +99,7 @@ fn survey_target(
     let postures: Vec<Vec<f64>> = (0..workspace.postures)
         .map(|_| random_posture(scenario, &mut random))
         .collect::<Result<_, _>>()?;
-    let original = Plant::build(spec).map_err(|error| plant(scenario, error))?;
+    let original = Plant::build(spec).map_err(|error| scenario.plant_error(error))?;
     let load = scenario.design.loads.last();
     let all = original
         .visit_all(&postures, |plant, joints| {
@@ -121,7 +111,7 @@ fn survey_target(
                 (moved.norm(), loaded.rotation.angle_to(&bare.rotation))
             }))
         })
-        .map_err(|error| plant(scenario, error))?;
+        .map_err(|error| scenario.plant_error(error))?;
     let mut held: Vec<(f64, f64)> = all.iter().copied().flatten().collect();
     held.sort_by(|a, b| a.0.total_cmp(&b.0));
     Ok(Survey {
@@ -146,14 +136,8 @@ pub(super) fn held(
     target: usize,
     load: Option<&DesignLoad>,
 ) -> Result<Option<Held>, PlantError> {
-    let command = Command {
-        joints: joints.to_vec(),
-        approach: vec![1.0; joints.len()],
-        loads: load.map(|load| load.on(target)).into_iter().collect(),
-        time: 0.0,
-        temperature: 0.0,
-    };
-    match plant.state(&command) {
+    let loads = load.map(|load| load.on(target)).into_iter().collect();
+    match plant.state(&from_below(joints.to_vec(), loads)) {
         Ok(state) => {
             let pose = state.base_from_link[target] * spec.targets[target].1;
             Ok(Some((pose, state.joint_torques)))

@@ -5,7 +5,7 @@ use super::signal;
 use crate::campaign::{Campaign, Noise};
 use crate::effects::{EffectList, find};
 use crate::model_file;
-use crate::plant::{PlantError, PlantSpec};
+use crate::plant::PlantSpec;
 use crate::scenario::efficiency::true_values;
 use crate::scenario::simulate::{measure, plant_spec};
 use crate::scenario::{Scenario, ScenarioError};
@@ -23,15 +23,12 @@ impl Bench<'_> {
         sizes: &[f64],
     ) -> Result<PlantSpec, ScenarioError> {
         let scenario = self.scenario;
-        let plant = |source: PlantError| ScenarioError::Plant {
-            file: scenario.file.clone(),
-            source,
-        };
-        let mut spec = plant_spec(scenario).map_err(plant)?;
+        let of_plant = |source| scenario.plant_error(source);
+        let mut spec = plant_spec(scenario).map_err(of_plant)?;
         for truth in truths(hidden, sizes) {
             let values: Vec<f64> = truth.values.iter().map(|(_, value)| *value).collect();
             let installed = truth.effect.install(&values, &scenario.setup, &mut spec);
-            installed.map_err(|source| plant(source.into()))?;
+            installed.map_err(|source| of_plant(source.into()))?;
         }
         for (hidden, &size) in hidden.iter().zip(sizes) {
             match hidden {

@@ -26,7 +26,9 @@ const SMALL_GAIN: f64 = 1e-12;
 const SHRINKING: f64 = 0.01;
 /// ... and are believed to go on so when that is less than this share of the cost.
 const NEAR: f64 = 1e-6;
-const ITERATIONS: usize = 100;
+const ITERATIONS: usize = 50;
+/// As many again where the last steps lowered the cost of whitened rows by less than this: the end is near.
+const NEARLY: f64 = 10.0;
 /// A fit that creeps along a curved valley has converged when so many steps ...
 const CREEPING: usize = 10;
 /// ... together lower the cost of whitened rows by less than this: what is left to go moves no combination of parameters
@@ -126,7 +128,7 @@ pub fn solve(
     // what the step before was to lower the cost by, if it was a full one
     let mut taken: Option<f64> = None;
     let mut costs = Vec::new();
-    for iteration in 0..ITERATIONS {
+    for iteration in 0..2 * ITERATIONS {
         let whole = with_prior(problem, &linear, &p, &centre);
         let cost = whole.cost();
         on_step(iteration, cost);
@@ -134,8 +136,12 @@ pub fn solve(
             return stop(problem, (p.clone(), p), linear, false, iteration);
         }
         costs.push(cost);
-        if problem.prior() > 0.0 && creeps(&costs) {
+        let whitened = problem.prior() > 0.0;
+        if whitened && creeps(&costs, CREEP) {
             return stop(problem, (p.clone(), p), linear, true, iteration);
+        }
+        if iteration >= ITERATIONS && !(whitened && creeps(&costs, NEARLY)) {
+            return stop(problem, (p.clone(), p), linear, false, iteration);
         }
         let gain_of = |step: &DVector<f64>| cost - whole.cost_after(step);
         let mut accepted = None;
@@ -184,15 +190,15 @@ pub fn solve(
             }
         }
     }
-    stop(problem, (p.clone(), p), linear, false, ITERATIONS)
+    stop(problem, (p.clone(), p), linear, false, 2 * ITERATIONS)
 }
 
-/// Do steps go on without getting anywhere? `costs` are those of whitened rows, σ², by steps.
-fn creeps(costs: &[f64]) -> bool {
+/// Did the last steps together lower the cost by less than this? `costs` are those of whitened rows, σ², by steps.
+fn creeps(costs: &[f64], least: f64) -> bool {
     costs
         .len()
         .checked_sub(CREEPING + 1)
-        .is_some_and(|first| first >= CREEPING && costs[first] - costs[costs.len() - 1] < CREEP)
+        .is_some_and(|first| first >= CREEPING && costs[first] - costs[costs.len() - 1] < least)
 }
 
 /// Where a full step leads from `p`, at which the problem is `linear`; and the step, in typical sizes.
@@ -471,8 +477,8 @@ mod tests {
         ];
         for (fall, steps, expected) in table {
             let costs: Vec<f64> = (0..steps).map(|k| 1000.0 - fall * f64::from(k)).collect();
-            assert_eq!(creeps(&costs), expected, "{fall} {steps}");
+            assert_eq!(creeps(&costs, CREEP), expected, "{fall} {steps}");
         }
-        assert!(!creeps(&[]));
+        assert!(!creeps(&[], CREEP));
     }
 }

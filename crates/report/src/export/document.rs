@@ -1,9 +1,10 @@
 //! Everything identified, as JSON.
 
 use super::Subject;
-use misfit_arm::robot::{JointKind, rpy};
+use misfit_arm::robot::{Joint, JointKind, rpy};
 use misfit_core::effects::Role;
 use misfit_core::effects::Stage;
+use misfit_core::export::{Calibrated, LeftOut};
 use misfit_core::fit::{Fit, Status};
 use nalgebra::Isometry3;
 use serde::Serialize;
@@ -129,7 +130,6 @@ pub fn document(subject: &Subject<'_>) -> Document {
     } = subject;
     let setup = &calibrated.setup;
     let (nominal, robot) = (&setup.robot, calibrated.robot());
-    let identity = Isometry3::identity();
     let of_measurement = |id: &str| {
         let term = fit.model.term(id);
         term.is_some_and(|term| term.effect.is_of_measurement())
@@ -144,48 +144,10 @@ pub fn document(subject: &Subject<'_>) -> Document {
         status: fit.status[k],
         of_measurement: of_measurement(effect),
     });
-    let targets = setup.targets.iter().enumerate();
-    let targets = targets.map(|(index, target)| TargetDocument {
-        target: target.name.clone(),
-        link: nominal.links[target.link].name.clone(),
-        link_from_target: pose(
-            calibrated.link_from_target[index]
-                .as_ref()
-                .unwrap_or(&identity),
-        ),
-    });
-    let joints = nominal.joints.iter().enumerate();
-    let joints = joints.map(|(index, joint)| JointDocument {
-        joint: joint.name.clone(),
-        kind: match joint.kind {
-            JointKind::Revolute => "revolute",
-            JointKind::Continuous => "continuous",
-            JointKind::Prismatic => "prismatic",
-        },
-        parent: nominal.bodies[joint.parent].name.clone(),
-        child: nominal.bodies[index + 1].name.clone(),
-        axis: [joint.axis.x, joint.axis.y, joint.axis.z],
-        offset: calibrated.offsets[index],
-        parent_from_joint: pose(&robot.joints[index].parent_from_joint),
-        nominal_parent_from_joint: pose(&joint.parent_from_joint),
-        joint_from_body: pose(&calibrated.motions[index + 1]),
-        mass_kg: robot.bodies[index + 1].mass,
-        nominal_mass_kg: nominal.bodies[index + 1].mass,
-    });
     let links = robot.links.iter().map(|link| LinkDocument {
         link: link.name.clone(),
         body: robot.bodies[link.body].name.clone(),
         body_from_link: pose(&link.body_from_link),
-    });
-    let left_out = calibrated.left_out.iter().map(|out| LeftOutDocument {
-        effect: out.effect.clone(),
-        stage: fit
-            .model
-            .term(&out.effect)
-            .map_or(Stage::Rigid, |term| term.effect.stage())
-            .word(),
-        rms_m: out.rms,
-        max_m: out.most,
     });
     Document {
         schema: "misfit.export/1",
@@ -201,16 +163,67 @@ pub fn document(subject: &Subject<'_>) -> Document {
         readings: fit.readings.0,
         position_rms_m: fit.fit.position_rms_m,
         parameters: parameters.collect(),
-        frames: FramesDocument {
-            base_from_tracker: pose(calibrated.base_from_tracker.as_ref().unwrap_or(&identity)),
-            targets: targets.collect(),
-        },
-        joints: joints.collect(),
+        frames: frames(calibrated),
+        joints: joints(calibrated),
         links: links.collect(),
         stiffness: stiffness(fit),
         rigid: calibrated.held.clone(),
-        not_rigid: left_out.collect(),
+        not_rigid: left_out(fit, calibrated),
     }
+}
+
+fn frames(calibrated: &Calibrated) -> FramesDocument {
+    let setup = &calibrated.setup;
+    let or_identity = |frame: &Option<Isometry3<f64>>| pose(&frame.unwrap_or_default());
+    let targets = setup.targets.iter().zip(&calibrated.link_from_target);
+    let targets = targets.map(|(target, frame)| TargetDocument {
+        target: target.name.clone(),
+        link: setup.robot.links[target.link].name.clone(),
+        link_from_target: or_identity(frame),
+    });
+    FramesDocument {
+        base_from_tracker: or_identity(&calibrated.base_from_tracker),
+        targets: targets.collect(),
+    }
+}
+
+fn joints(calibrated: &Calibrated) -> Vec<JointDocument> {
+    let (nominal, robot) = (&calibrated.setup.robot, calibrated.robot());
+    let joints = nominal.joints.iter().enumerate();
+    let document = |(index, joint): (usize, &Joint)| JointDocument {
+        joint: joint.name.clone(),
+        kind: match joint.kind {
+            JointKind::Revolute => "revolute",
+            JointKind::Continuous => "continuous",
+            JointKind::Prismatic => "prismatic",
+        },
+        parent: nominal.bodies[joint.parent].name.clone(),
+        child: nominal.bodies[index + 1].name.clone(),
+        axis: [joint.axis.x, joint.axis.y, joint.axis.z],
+        offset: calibrated.offsets[index],
+        parent_from_joint: pose(&robot.joints[index].parent_from_joint),
+        nominal_parent_from_joint: pose(&joint.parent_from_joint),
+        joint_from_body: pose(&calibrated.motions[index + 1]),
+        mass_kg: robot.bodies[index + 1].mass,
+        nominal_mass_kg: nominal.bodies[index + 1].mass,
+    };
+    joints.map(document).collect()
+}
+
+/// Effects that are no part of a rigid robot.
+fn left_out(fit: &Fit, calibrated: &Calibrated) -> Vec<LeftOutDocument> {
+    let left_out = calibrated.left_out.iter();
+    let document = |out: &LeftOut| LeftOutDocument {
+        effect: out.effect.clone(),
+        stage: fit
+            .model
+            .term(&out.effect)
+            .map_or(Stage::Rigid, |term| term.effect.stage())
+            .word(),
+        rms_m: out.rms,
+        max_m: out.most,
+    };
+    left_out.map(document).collect()
 }
 
 fn stiffness(fit: &Fit) -> Vec<StiffnessDocument> {

@@ -3,7 +3,7 @@
 mod document;
 
 use super::fit::{model_line, title};
-use super::format::{angle, count, length, render, table, wrap};
+use super::format::{angle, count, length, render, say, table, wrap};
 use misfit_arm::robot::JointKind;
 use misfit_campaign::Campaign;
 use misfit_core::effects::Role;
@@ -85,17 +85,40 @@ pub fn text(
         Made::Table(made) => out += &rows(made),
     }
     out.push('\n');
-    let mut say = |line: String| {
-        let _ = writeln!(out, "{}", wrap(&line, 9));
-    };
-    let none = "nothing: every number is nominal";
-    let held = list(&calibrated.held, none);
-    say(match made {
+    for line in contents(calibrated, made) {
+        say(&mut out, &line);
+    }
+    for target in unturned(fit, calibrated) {
+        let line = format!(
+            "note     {target}: no reading has its orientation; its frame is turned as its link's"
+        );
+        say(&mut out, &line);
+    }
+    out += &left(subject, made, rigid);
+    if !fit.converged {
+        let line = format!(
+            "\nNOT CONVERGED after {}: the numbers are where the fit stopped",
+            count(fit.iterations, "step")
+        );
+        say(&mut out, &line);
+    }
+    say(&mut out, &format!("\nwrote    {file}"));
+    if !calibrated.left_out.is_empty() {
+        let line = format!("\nnext     misfit compensate {same} --tasks poses.csv -o commands.csv");
+        say(&mut out, &line);
+    }
+    out
+}
+
+/// What the file holds, how far off it is when read back, and what of it was made up.
+fn contents(calibrated: &Calibrated, made: &Made) -> Vec<String> {
+    let held = list(&calibrated.held, "nothing: every number is nominal");
+    let mut lines = vec![match made {
         Made::Json => format!("rigid    {held}"),
         _ => format!("in it    {held}"),
-    });
+    }];
     if !calibrated.of_measurement.is_empty() {
-        say(format!(
+        lines.push(format!(
             "besides  {}: of the measurement, no robot's; left out",
             calibrated.of_measurement.join(", ")
         ));
@@ -110,12 +133,12 @@ pub fn text(
     };
     match made {
         Made::Urdf(made) => {
-            say(format!("checked  {}", read_back(made.gap)));
+            lines.push(format!("checked  {}", read_back(made.gap)));
             if !made.added.is_empty() {
-                say(format!("new      links {}", made.added.join(", ")));
+                lines.push(format!("new      links {}", made.added.join(", ")));
             }
             if made.made_up_inertias {
-                say(
+                lines.push(
                     "note     masses are as identified or in the robot file, but their inertias are not known: \
                      those of small balls stand there"
                         .to_owned(),
@@ -126,41 +149,18 @@ pub fn text(
                     1 => "a mesh is".to_owned(),
                     n => format!("{n} meshes are"),
                 };
-                say(format!(
+                lines.push(format!(
                     "note     {which} named relative to the file: keep it where the robot's own is"
                 ));
             }
         }
         Made::Table(made) => {
-            say(format!("checked  {}", read_back(made.gap)));
-            for line in remarks(made) {
-                say(line);
-            }
+            lines.push(format!("checked  {}", read_back(made.gap)));
+            lines.extend(remarks(made));
         }
         Made::Json => {}
     }
-    for target in unturned(fit, calibrated) {
-        say(format!(
-            "note     {target}: no reading has its orientation; its frame is turned as its link's"
-        ));
-    }
-    out += &left(subject, made, rigid);
-    let mut say = |line: String| {
-        let _ = writeln!(out, "{}", wrap(&line, 9));
-    };
-    if !fit.converged {
-        say(format!(
-            "\nNOT CONVERGED after {}: the numbers are where the fit stopped",
-            count(fit.iterations, "step")
-        ));
-    }
-    say(format!("\nwrote    {file}"));
-    if !calibrated.left_out.is_empty() {
-        say(format!(
-            "\nnext     misfit compensate {same} --tasks poses.csv -o commands.csv"
-        ));
-    }
-    out
+    lines
 }
 
 /// How the frames of a rigid robot differ from the nominal ones.

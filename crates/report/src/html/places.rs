@@ -28,10 +28,10 @@ pub(super) struct Row {
     pub after: String,
 }
 
-/// Points drawn at most.
-const MOST: usize = 800;
+/// Points drawn.
+const MAX_POINTS: usize = 800;
 /// Poses listed.
-const WORST: usize = 5;
+const MAX_LISTED: usize = 5;
 
 /// One pose with the errors of its readings.
 struct Pose {
@@ -50,18 +50,62 @@ pub(super) fn section(
         return Ok(None);
     }
     let compared = results.before().is_some();
-    let shown: Vec<&Pose> = thinned(poses.len(), MOST)
+    let shown: Vec<&Pose> = thinned(poses.len(), MAX_POINTS)
         .into_iter()
         .map(|k| &poses[k])
         .collect();
+    let top = colour_end(&shown, compared);
+    let pictures = pictures(&poses, &shown, top, compared)?;
+    let mut order: Vec<&Pose> = poses.iter().collect();
+    order.sort_by(|a, b| b.after.total_cmp(&a.after).then(a.line.cmp(&b.line)));
+    let row = |pose: &&Pose| Row {
+        line: pose.line,
+        place: format!(
+            "{:.3}, {:.3}, {:.3}",
+            pose.place.x, pose.place.y, pose.place.z
+        ),
+        before: length(pose.before),
+        after: length(pose.after),
+    };
+    let few = match shown.len() < poses.len() {
+        true => format!(" {} of {} poses are drawn.", shown.len(), poses.len()),
+        false => String::new(),
+    };
+    let beyond = |pose: &&Pose| pose.after > top || (compared && pose.before > top);
+    let ends = match shown.iter().any(beyond) {
+        false => String::new(),
+        true => format!(" Errors above {} have the last colour.", length(top)),
+    };
+    Ok(Some(Section {
+        worst: order.iter().take(MAX_LISTED).map(row).collect(),
+        pictures,
+        compared,
+        note: format!(
+            "Each point is a pose: where its target's link is in the base frame of the nominal robot, coloured by the \
+             position error of its readings, rms, fitted or not.{}{few}{ends}",
+            models(results)
+        ),
+    }))
+}
+
+/// The error at the end of the colours, m.
+fn colour_end(shown: &[&Pose], compared: bool) -> f64 {
     let mut sizes: Vec<f64> = shown.iter().map(|pose| pose.after).collect();
     if compared {
         sizes.extend(shown.iter().map(|pose| pose.before));
     }
     sizes.sort_by(f64::total_cmp);
     // one pose far off must not make all others look alike
-    let top = sizes[(sizes.len() - 1) * 98 / 100];
-    let beyond = sizes.iter().filter(|size| **size > top).count();
+    sizes[(sizes.len() - 1) * 98 / 100]
+}
+
+/// Maps from above and from the side, before and after.
+fn pictures(
+    poses: &[Pose],
+    shown: &[&Pose],
+    top: f64,
+    compared: bool,
+) -> Result<Vec<Picture>, ReportError> {
     let (unit, scale) = if top < 2e-4 {
         ("µm", 1e6)
     } else {
@@ -104,51 +148,24 @@ pub(super) fn section(
     } else {
         draw("position error", |pose| pose.after)?;
     }
-    let mut order: Vec<&Pose> = poses.iter().collect();
-    order.sort_by(|a, b| b.after.total_cmp(&a.after).then(a.line.cmp(&b.line)));
-    let row = |pose: &&Pose| Row {
-        line: pose.line,
-        place: format!(
-            "{:.3}, {:.3}, {:.3}",
-            pose.place.x, pose.place.y, pose.place.z
+    Ok(pictures)
+}
+
+/// Which models before and after are.
+fn models(results: &Results<'_>) -> String {
+    let Some(before) = results.before() else {
+        return String::new();
+    };
+    let ids = results.fit().model.terms.iter().map(|t| t.effect.id());
+    let new: Vec<&str> = ids.filter(|id| !before.model.has(id)).collect();
+    match new.is_empty() {
+        true => String::new(),
+        false => format!(
+            " Before: the model without {}; after: with {}.",
+            new.join(", "),
+            if new.len() == 1 { "it" } else { "them" }
         ),
-        before: length(pose.before),
-        after: length(pose.after),
-    };
-    let few = match shown.len() < poses.len() {
-        true => format!(" {} of {} poses are drawn.", shown.len(), poses.len()),
-        false => String::new(),
-    };
-    let ends = match beyond {
-        0 => String::new(),
-        _ => format!(" Errors above {} have the last colour.", length(top)),
-    };
-    let models = match results.before() {
-        Some(before) => {
-            let new: Vec<&str> = {
-                let ids = results.fit().model.terms.iter().map(|t| t.effect.id());
-                ids.filter(|id| !before.model.has(id)).collect()
-            };
-            match new.is_empty() {
-                true => String::new(),
-                false => format!(
-                    " Before: the model without {}; after: with {}.",
-                    new.join(", "),
-                    if new.len() == 1 { "it" } else { "them" }
-                ),
-            }
-        }
-        None => String::new(),
-    };
-    Ok(Some(Section {
-        worst: order.iter().take(WORST).map(row).collect(),
-        pictures,
-        compared,
-        note: format!(
-            "Each point is a pose: where its target's link is in the base frame of the nominal robot, coloured by the \
-             position error of its readings, rms, fitted or not.{models}{few}{ends}"
-        ),
-    }))
+    }
 }
 
 /// Readings by target and pose.

@@ -33,8 +33,8 @@ pub(super) struct Number {
     pub from: Option<String>,
 }
 
-/// Poses not fitted are off by so many times what fitted ones are: more freedom than the readings hold.
-const FREE: f64 = 2.0;
+/// Error of held-out poses over that of fitted ones from which on the model has more freedom than the readings hold.
+const OVERFIT_RATIO: f64 = 2.0;
 
 /// `plots` are what the next section but one shows of the effects.
 pub(super) fn section(
@@ -44,8 +44,8 @@ pub(super) fn section(
     origin: &Origin,
 ) -> Section {
     let fit = results.fit();
-    let (tone, headline, mut paragraphs) = match results.diagnosis() {
-        Some(diagnosis) => diagnosed(diagnosis, plots),
+    let ((tone, headline), mut paragraphs) = match results.diagnosis() {
+        Some(diagnosis) => (headline(diagnosis), explained(diagnosis, plots)),
         None => fitted(fit, results.before()),
     };
     if !fit.converged {
@@ -76,12 +76,12 @@ pub(super) fn section(
     }
 }
 
-/// Fitted readings look better than poses that were not fitted.
+/// A warning if fitted readings look much better than held-out ones.
 fn too_free(fit: &Fit) -> Option<String> {
     let held = fit.heldout?;
     let ratio = held.position_rms_m / fit.fit.position_rms_m;
     let noise = fit.noise.position_sigma * 3f64.sqrt();
-    (ratio > FREE && held.position_rms_m > FREE * noise).then(|| {
+    (ratio > OVERFIT_RATIO && held.position_rms_m > OVERFIT_RATIO * noise).then(|| {
         format!(
             "Poses that were not fitted are off by {}, {} × as much as fitted ones: the model has more freedom than \
              these readings hold. Trust that error, not the other; more poses make it smaller.",
@@ -91,15 +91,15 @@ fn too_free(fit: &Fit) -> Option<String> {
     })
 }
 
-fn diagnosed(diagnosis: &Diagnosis, plots: &[Plot]) -> (&'static str, String, Vec<String>) {
+/// Tone and headline of a verdict.
+fn headline(diagnosis: &Diagnosis) -> (&'static str, String) {
     let effects = diagnosis.effects.join(", ");
     let power = &diagnosis.power;
     let (is, be) = match diagnosis.effects.len() {
         1 => ("is", "it"),
         _ => ("are", "them"),
     };
-    let mut paragraphs: Vec<String> = Vec::new();
-    let (tone, headline) = match diagnosis.verdict {
+    match diagnosis.verdict {
         Verdict::Unknown if diagnosis.stopped => (
             "unsure",
             "Something is missing; it was told to stop before it looked for what.".to_owned(),
@@ -141,7 +141,13 @@ fn diagnosed(diagnosis: &Diagnosis, plots: &[Plot]) -> (&'static str, String, Ve
             "unsure",
             "Something is missing that the catalogue does not hold.".to_owned(),
         ),
-    };
+    }
+}
+
+/// What a verdict means, a paragraph each.
+fn explained(diagnosis: &Diagnosis, plots: &[Plot]) -> Vec<String> {
+    let power = &diagnosis.power;
+    let mut paragraphs: Vec<String> = Vec::new();
     for effect in &diagnosis.effects {
         let term = diagnosis.fit.model.term(effect);
         let kind = term.map_or(effect.as_str(), |term| term.effect.kind());
@@ -201,10 +207,11 @@ fn diagnosed(diagnosis: &Diagnosis, plots: &[Plot]) -> (&'static str, String, Ve
             power.rows, power.taken
         ));
     }
-    (tone, headline, paragraphs)
+    paragraphs
 }
 
-fn fitted(fit: &Fit, before: Option<&Fit>) -> (&'static str, String, Vec<String>) {
+/// The same of a fit without a diagnosis.
+fn fitted(fit: &Fit, before: Option<&Fit>) -> ((&'static str, String), Vec<String>) {
     let left = length(fit.fit.position_rms_m);
     let headline = match before {
         Some(frames) => format!(
@@ -216,7 +223,7 @@ fn fitted(fit: &Fit, before: Option<&Fit>) -> (&'static str, String, Vec<String>
     if fit.noise.source == Source::Residual {
         let says = "Nothing says how large the noise is (no repeats, none in the campaign file): it is taken from what \
                     the fit leaves, and errors of the model count as noise.";
-        return ("unsure", headline, vec![says.to_owned()]);
+        return (("unsure", headline), vec![says.to_owned()]);
     }
     let ratio = in_noise(fit, &fit.fit);
     // a tenth more than noise is more than chance gives a campaign of some tens of readings
@@ -229,7 +236,7 @@ fn fitted(fit: &Fit, before: Option<&Fit>) -> (&'static str, String, Vec<String>
         )
     };
     let says = format!("That is {} × the noise, {says}.", number(ratio));
-    (tone, headline, vec![says])
+    ((tone, headline), vec![says])
 }
 
 /// Whitened error over what noise gives.

@@ -1,22 +1,21 @@
 //! `[loop]` of a scenario: what is held, what pulls, which filters and models correct.
 
-use super::super::design::DesignLoad;
 use super::super::pull::Pull;
-use crate::compensation::filter::Law;
+use super::super::tool::{Tool, check_target};
+use super::filter::FilterEntry;
 use crate::setup::Setup;
 use crate::space::Space;
-use nalgebra::Vector3;
 use serde::Deserialize;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Ticks of all runs at most, so that a slip of the pen is no day's work.
-const MOST_TICKS: usize = 1_000_000;
+/// Ticks of all runs: a typing error must not cost a day.
+const MAX_TICKS: usize = 1_000_000;
 
 /// `[loop]` of a scenario.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ControlLoop {
-    /// Ticks a second.
+    /// Ticks per second.
     pub rate_hz: f64,
     /// How long each pose is held, s.
     pub duration_s: f64,
@@ -44,139 +43,6 @@ fn default_models() -> Vec<String> {
     vec!["default".to_owned()]
 }
 
-/// A dead weight on the target's link.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Tool {
-    /// kg.
-    #[serde(default)]
-    pub mass_kg: f64,
-    /// Its centre in the target link's frame, m.
-    #[serde(default)]
-    pub com_m: [f64; 3],
-}
-
-/// `[[loop.filter]]`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct FilterEntry {
-    /// What it is.
-    pub kind: FilterKind,
-    /// Of a moving average, s.
-    pub window_s: Option<f64>,
-    /// Of a low pass, -3 dB, Hz.
-    pub cutoff_hz: Option<f64>,
-    /// Of a low pass: 1, or 2 (Butterworth; if left out).
-    pub order: Option<usize>,
-    /// Foresee the load of the moment at which the command acts?
-    #[serde(default)]
-    pub predict: bool,
-}
-
-/// What a filter is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum FilterKind {
-    /// The measured wrench as it is.
-    None,
-    /// The mean of a window.
-    MovingAverage,
-    /// A low pass of first or second order.
-    LowPass,
-}
-
-impl FilterEntry {
-    /// Its name in reports and expectations: `none`, `moving average 40 ms`, `low pass 8 Hz, order 2, predicted`.
-    pub fn name(&self) -> String {
-        let mut name = match self.kind {
-            FilterKind::None => "none".to_owned(),
-            FilterKind::MovingAverage => {
-                let window = self.window_s.unwrap_or_default() * 1e3;
-                // seven digits: what a decimal fraction times 1000 is meant to be
-                format!("moving average {} ms", (window * 1e4).round() / 1e4)
-            }
-            FilterKind::LowPass => {
-                let cutoff = self.cutoff_hz.map(|cutoff| format!(" {cutoff} Hz"));
-                format!(
-                    "low pass{}, order {}",
-                    cutoff.unwrap_or_default(),
-                    self.order.unwrap_or(2)
-                )
-            }
-        };
-        if self.predict {
-            name += ", predicted";
-        }
-        name
-    }
-
-    /// The filter at a rate, Hz. A command acts a tick after its measurement: this is foreseen besides the filter's own
-    /// delay. `key` is what messages call it.
-    ///
-    /// # Errors
-    /// A sentence that names the key.
-    pub fn law(&self, key: &str, rate: f64) -> Result<Law, String> {
-        let wrong = |what: String| Err(format!("{key} {}: {what}", self.name()));
-        let foreign = match self.kind {
-            FilterKind::None => [
-                ("window_s", self.window_s.is_some()),
-                ("cutoff_hz", self.cutoff_hz.is_some()),
-                ("order", self.order.is_some()),
-            ],
-            FilterKind::MovingAverage => [
-                ("cutoff_hz", self.cutoff_hz.is_some()),
-                ("order", self.order.is_some()),
-                ("", false),
-            ],
-            FilterKind::LowPass => [
-                ("window_s", self.window_s.is_some()),
-                ("", false),
-                ("", false),
-            ],
-        };
-        if let Some((key, _)) = foreign.iter().find(|(_, given)| *given) {
-            return wrong(format!("{key} is of another kind of filter; leave it out"));
-        }
-        let law = match self.kind {
-            FilterKind::None => Law::none(),
-            FilterKind::MovingAverage => {
-                let Some(window) = self.window_s else {
-                    return wrong(
-                        "window_s is missing; accepted: the window's length, s".to_owned(),
-                    );
-                };
-                let ticks = (window * rate).round();
-                if !(1.0..=MOST_TICKS as f64).contains(&ticks) {
-                    return wrong(format!(
-                        "window_s = {window} holds {ticks} ticks; accepted: 1 to {MOST_TICKS}"
-                    ));
-                }
-                Law::moving_average(ticks as usize)
-            }
-            FilterKind::LowPass => {
-                let Some(cutoff) = self.cutoff_hz else {
-                    return wrong("cutoff_hz is missing; accepted: its -3 dB, Hz".to_owned());
-                };
-                let (least, most) = (rate * 1e-4, rate * 0.45);
-                if !(least..=most).contains(&cutoff) {
-                    return wrong(format!(
-                        "cutoff_hz is {cutoff}; accepted at rate_hz = {rate}: {least} to {most}"
-                    ));
-                }
-                match self.order.unwrap_or(2) {
-                    1 => Law::first_order(cutoff / rate),
-                    2 => Law::second_order(cutoff / rate),
-                    other => return wrong(format!("order is {other}; accepted: 1, 2")),
-                }
-            }
-        };
-        Ok(match self.predict {
-            true => law.foreseeing(1.0),
-            false => law,
-        })
-    }
-}
-
 impl ControlLoop {
     /// Refuses what makes no sense for a robot.
     ///
@@ -196,20 +62,14 @@ impl ControlLoop {
                 self.duration_s
             ));
         }
-        if let Some(name) = &self.target
-            && !setup.targets.iter().any(|target| target.name == *name)
-        {
-            let known: Vec<&str> = setup.targets.iter().map(|t| t.name.as_str()).collect();
-            return wrong(format!(
-                "target = \"{name}\" is no target; known: {}",
-                known.join(", ")
-            ));
+        if let Some(name) = &self.target {
+            check_target("[loop] target", name, setup)?;
         }
         match (self.poses, &self.posture_rad) {
-            (Some(1..=MOST_TICKS), None) => {}
+            (Some(1..=MAX_TICKS), None) => {}
             (None, Some(posture)) => check_posture(posture, setup)?,
             (Some(poses), None) => {
-                return wrong(format!("poses is {poses}; accepted: 1 to {MOST_TICKS}"));
+                return wrong(format!("poses is {poses}; accepted: 1 to {MAX_TICKS}"));
             }
             _ => {
                 return wrong(
@@ -218,14 +78,7 @@ impl ControlLoop {
                 );
             }
         }
-        let tool = &self.payload;
-        if !(tool.mass_kg >= 0.0 && tool.mass_kg.is_finite())
-            || tool.com_m.iter().any(|x| !x.is_finite())
-        {
-            return wrong(
-                "payload: accepted are a finite mass_kg of 0 or more and a finite com_m".to_owned(),
-            );
-        }
+        self.payload.check("[loop] payload")?;
         self.pulls.iter().try_for_each(Pull::check)?;
         let fast = |pull: &&Pull| pull.frequency_hz.is_some_and(|f| f >= self.rate_hz / 2.0);
         if let Some(pull) = self.pulls.iter().find(fast) {
@@ -259,9 +112,9 @@ impl ControlLoop {
         }
         let runs = self.poses.unwrap_or(1) * self.filters.len() * self.models.len();
         let all = self.duration_s * self.rate_hz * runs as f64;
-        if all > MOST_TICKS as f64 {
+        if all > MAX_TICKS as f64 {
             return wrong(format!(
-                "asks for {all} ticks: duration_s × rate_hz, by pose, filter and model; accepted: at most {MOST_TICKS}"
+                "asks for {all} ticks: duration_s × rate_hz, by pose, filter and model; accepted: at most {MAX_TICKS}"
             ));
         }
         Ok(())
@@ -281,14 +134,6 @@ impl ControlLoop {
     /// Names of the filters, in their order.
     pub fn filter_names(&self) -> Vec<String> {
         self.filters.iter().map(FilterEntry::name).collect()
-    }
-
-    pub(super) fn tool(&self) -> DesignLoad {
-        DesignLoad {
-            mass: self.payload.mass_kg,
-            com: Vector3::from(self.payload.com_m),
-            pull: Vector3::zeros(),
-        }
     }
 
     /// Time of a tick, s.

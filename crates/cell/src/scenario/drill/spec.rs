@@ -1,6 +1,7 @@
 //! `[drill]` of a scenario: its keys, what they may be, and in SI units.
 
-use super::super::control_loop::{FilterEntry, Tool};
+use super::super::control_loop::FilterEntry;
+use super::super::tool::{Tool, check_target};
 use super::cutting::{self, Drill, Layer};
 use crate::compensation::filter::Law;
 use crate::numbers::number;
@@ -10,8 +11,8 @@ use serde::{Deserialize, Serialize};
 
 /// Brinell hardness of 1 kgf/mm² as a pressure, N/m².
 const BRINELL: f64 = 9.80665e6;
-/// Ticks at most, so that a slip of the pen is no day's work.
-const MOST_TICKS: f64 = 200_000.0;
+/// Ticks of one hole: a typing error must not cost a day.
+const MAX_TICKS: f64 = 200_000.0;
 
 /// `[drill]` of a scenario.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -55,9 +56,9 @@ pub struct Drilling {
     pub length_mm: f64,
     /// Spindle speed, 1/min.
     pub speed_rpm: f64,
-    /// Feed by revolution, µm.
+    /// Feed per revolution, µm.
     pub feed_um: f64,
-    /// Ticks a second.
+    /// Ticks per second.
     pub rate_hz: f64,
     /// Before the tip touches, s.
     #[serde(default = "half")]
@@ -135,16 +136,23 @@ impl Drilling {
     /// # Errors
     /// A sentence that names the key.
     pub fn check(&self, setup: &Setup) -> Result<(), String> {
-        let wrong = |what: String| Err(format!("[drill] {what}"));
-        for (key, name) in [("board", &self.board), ("tool", &self.tool)] {
-            if !setup.targets.iter().any(|target| target.name == *name) {
-                let known: Vec<&str> = setup.targets.iter().map(|t| t.name.as_str()).collect();
-                return wrong(format!(
-                    "{key} = \"{name}\" is no target; known: {}",
-                    known.join(", ")
-                ));
-            }
+        self.check_targets(setup)?;
+        self.check_place()?;
+        self.check_cut()?;
+        self.check_ticks()?;
+        if self.modes.is_empty() {
+            return wrong("commands is empty; accepted: nominal, corrected, loop".to_owned());
         }
+        if (1..self.modes.len()).any(|k| self.modes[..k].contains(&self.modes[k])) {
+            return wrong("commands has one of them twice; accepted: each once".to_owned());
+        }
+        self.law().map(|_| ())
+    }
+
+    /// Board and tool: targets on two arms.
+    fn check_targets(&self, setup: &Setup) -> Result<(), String> {
+        check_target("[drill] board", &self.board, setup)?;
+        check_target("[drill] tool", &self.tool, setup)?;
         if self.board == self.tool {
             return wrong("board and tool are one target; accepted: one on each arm".to_owned());
         }
@@ -154,15 +162,20 @@ impl Drilling {
         };
         let chains = [body(&self.board), body(&self.tool)].map(|body| setup.robot.chain(body));
         let own = |a: usize, b: usize| chains[a].iter().any(|joint| !chains[b].contains(joint));
-        if !(own(0, 1) && own(1, 0)) {
-            return wrong(format!(
+        match own(0, 1) && own(1, 0) {
+            true => Ok(()),
+            false => wrong(format!(
                 "board \"{}\" and tool \"{}\" hang on one arm; accepted: targets on two",
                 self.board, self.tool
-            ));
+            )),
         }
+    }
+
+    /// Where the hole is to be, on a board of some size, and what hangs on the arms.
+    fn check_place(&self) -> Result<(), String> {
         let turns = [self.board_turn_deg, self.tool_turn_deg];
-        let numbers = self.hole_m.iter().chain(&self.place_mm).chain(&turns);
-        if let Some(found) = numbers.clone().find(|x| !x.is_finite()) {
+        let mut numbers = self.hole_m.iter().chain(&self.place_mm).chain(&turns);
+        if let Some(found) = numbers.find(|x| !x.is_finite()) {
             return wrong(format!(
                 "{found} among hole_m, place_mm, board_turn_deg and tool_turn_deg; accepted: finite numbers"
             ));
@@ -188,18 +201,12 @@ impl Drilling {
                 ));
             }
         }
-        for (key, tool) in [
-            ("board_load", &self.board_load),
-            ("tool_load", &self.tool_load),
-        ] {
-            if !(tool.mass_kg >= 0.0 && tool.mass_kg.is_finite())
-                || tool.com_m.iter().any(|x| !x.is_finite())
-            {
-                return wrong(format!(
-                    "{key}: accepted are a finite mass_kg of 0 or more and a finite com_m"
-                ));
-            }
-        }
+        self.board_load.check("[drill] board_load")?;
+        self.tool_load.check("[drill] tool_load")
+    }
+
+    /// Layers, drill, feed and times.
+    fn check_cut(&self) -> Result<(), String> {
         if self.layer.is_empty() {
             return wrong("has no [[drill.layer]]; accepted: one or more".to_owned());
         }
@@ -207,11 +214,8 @@ impl Drilling {
             if value >= least && value <= most {
                 return Ok(());
             }
-            Err(format!(
-                "[drill] {key} is {value}; accepted: {} to {}",
-                number(least),
-                number(most)
-            ))
+            let (least, most) = (number(least), number(most));
+            wrong(format!("{key} is {value}; accepted: {least} to {most}"))
         };
         for layer in &self.layer {
             within("layer: thickness_mm", layer.thickness_mm, 1e-3, 50.0)?;
@@ -225,7 +229,11 @@ impl Drilling {
         within("approach_s", self.approach_s, 0.1, 10.0)?;
         within("after_s", self.after_s, 0.0, 10.0)?;
         let least = (self.depth() * 1e3 + self.diameter_mm).min(500.0);
-        within("length_mm", self.length_mm, least, 500.0)?;
+        within("length_mm", self.length_mm, least, 500.0)
+    }
+
+    /// Ticks short enough for point and layers, and not too many of them.
+    fn check_ticks(&self) -> Result<(), String> {
         let layers = self.layers();
         let thinnest = layers.iter().fold(f64::INFINITY, |a, b| a.min(b.thickness));
         let step = (self.drill().cone() / 10.0).min(thinnest / 2.0);
@@ -240,18 +248,12 @@ impl Drilling {
             ));
         }
         let ticks = self.duration() * self.rate_hz;
-        if ticks > MOST_TICKS {
-            return wrong(format!(
-                "asks for {ticks:.0} ticks; accepted: at most {MOST_TICKS}, by a faster feed or a lower rate"
-            ));
+        match ticks > MAX_TICKS {
+            false => Ok(()),
+            true => wrong(format!(
+                "asks for {ticks:.0} ticks; accepted: at most {MAX_TICKS}, by a faster feed or a lower rate"
+            )),
         }
-        if self.modes.is_empty() {
-            return wrong("commands is empty; accepted: nominal, corrected, loop".to_owned());
-        }
-        if (1..self.modes.len()).any(|k| self.modes[..k].contains(&self.modes[k])) {
-            return wrong("commands has one of them twice; accepted: each once".to_owned());
-        }
-        self.law().map(|_| ())
     }
 
     /// The loop's filter.
@@ -302,4 +304,8 @@ impl Drilling {
     pub(super) fn duration(&self) -> f64 {
         self.approach_s + self.depth() / self.feed_rate() + self.after_s
     }
+}
+
+fn wrong(what: String) -> Result<(), String> {
+    Err(format!("[drill] {what}"))
 }
