@@ -1,5 +1,6 @@
 //! Cross-validation by pose: errors of poses that a fit has not seen.
 
+use super::folds::{FOLDS, folds};
 use super::leave_out::without;
 use super::noise::Whitener;
 use super::residuals::{Errors, residuals, summarise};
@@ -11,8 +12,6 @@ use crate::model::Row;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 
-/// Folds of the cross-validation by pose.
-pub const FOLDS: usize = 5;
 /// Below this many poses no cross-validation: a fold would be a pose or two.
 const MIN_POSES: usize = 10;
 /// Of many readings the linear problem says what a fold's fit leaves of the poses left out: it is believed where the
@@ -21,18 +20,6 @@ const MAX_NONLINEAR_SHARE: f64 = 1e-4;
 /// About so many poses of each fold say how a step is straightened, neighbours of all folds together: what changes from pose
 /// to pose in a design is there.
 const POSES_PER_FOLD: usize = 25;
-
-/// Pose of each reading, numbered in order of appearance.
-fn poses(readings: &[&Reading]) -> Vec<usize> {
-    alike::numbered(readings.iter().map(|reading| pose_key(reading)))
-}
-
-/// Fold of each reading, 0 to [`FOLDS`] - 1, poses in order of appearance going round; and the number of poses.
-pub fn folds(readings: &[&Reading]) -> (Vec<usize>, usize) {
-    let poses = poses(readings);
-    let count = poses.iter().max().map_or(0, |last| last + 1);
-    (poses.into_iter().map(|pose| pose % FOLDS).collect(), count)
-}
 
 /// The problem of the poses that are kept, which is known at a point.
 struct Kept<'a> {

@@ -3,7 +3,7 @@
 //! Source: leave-group-out cross-validation in closed form, with the optimism of a linear smoother taken off both sides
 //! (Efron 2004, *The Estimation of Prediction Error*, JASA 99:619).
 
-use super::cross_validation::{FOLDS, folds};
+use super::folds::{FOLDS, folds};
 use super::normal::{Normal, SUMMED, add_square};
 use super::solve::Linear;
 use crate::campaign::Reading;

@@ -5,6 +5,7 @@
 
 pub mod alike;
 mod cross_validation;
+mod folds;
 pub mod leave_out;
 pub mod noise;
 pub mod normal;
@@ -27,7 +28,7 @@ use rayon::prelude::*;
 use solve::{Problem, Solution};
 use std::sync::Arc;
 
-pub use cross_validation::{FOLDS, folds};
+pub use folds::{FOLDS, folds};
 pub use problem::CampaignProblem;
 pub use rank::{LOST, Status, Unobservable};
 pub use residuals::{Errors, errors, residuals};
