@@ -2,7 +2,7 @@
 
 use super::record::Record;
 use super::{Outcome, print, print_json, progress, report as pages};
-use crate::diagnosis::{self, Diagnosis};
+use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::fit::{self, Options};
 use crate::report::format::WIDTH;
 use crate::report::html::{Origin, Results, Step};
@@ -41,6 +41,8 @@ pub struct Arguments {
     /// Skip the cross-validation of campaigns without held-out readings.
     #[arg(long)]
     no_cross_validation: bool,
+    #[command(flatten)]
+    despite: super::Despite,
 }
 
 /// Runs the command.
@@ -53,7 +55,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let others = [arguments.candidates.as_deref(), arguments.model.as_deref()];
     super::writable(&outputs, &arguments.campaign, &others)?;
     let spinner = progress::spinner();
-    let campaign = super::load(&arguments.campaign)?;
+    let mut opened = super::open_and_say(&arguments.campaign)?;
+    if let Some(outcome) =
+        opened.check_data(&arguments.despite, "misfit.diagnosis/2", arguments.json)?
+    {
+        spinner.finish_and_clear();
+        return Ok(outcome);
+    }
+    let campaign = opened.campaign.clone();
     let model = model_file::model(
         &campaign,
         arguments.effects.as_deref(),
@@ -68,6 +77,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     };
     let say = |text: &str| spinner.set_message(text.to_owned());
     let found = diagnosis::diagnose(&campaign, &model, &own, &options, say)?;
+    opened.add(&found.fit);
     let next = pages::next_poses(&campaign, &found);
     if let Some(file) = &arguments.save_model {
         model_file::write(file, &found.fit.model)?;
@@ -123,7 +133,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             &campaign,
             || report::recording::of_diagnosis(&campaign, &frames, &found),
             &found.fit.model,
-            &document,
+            &opened.with(&document),
             &command,
         )?;
     }
@@ -135,6 +145,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
                 .chain(steps.clone())
                 .collect(),
             seed: None,
+            findings: opened.findings.clone(),
         };
         let results = Results::Diagnosis {
             diagnosis: &found,
@@ -144,7 +155,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     spinner.finish_and_clear();
     if arguments.json {
-        print_json(&document)?;
+        print_json(&opened.with(&document))?;
     } else {
         let mut text = report::diagnosis::text(&campaign, &found, next.as_ref());
         if let Some(file) = &arguments.report {
@@ -165,11 +176,13 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         print(&text)?;
     }
-    Ok(if found.fit.converged {
-        Outcome::Done
-    } else {
-        Outcome::Missed
-    })
+    Ok(
+        if found.fit.converged && found.verdict != Verdict::CannotTell {
+            Outcome::Done
+        } else {
+            Outcome::Missed
+        },
+    )
 }
 
 fn has_options(found: &Diagnosis, effect: &str) -> bool {

@@ -43,6 +43,8 @@ pub struct Arguments {
     /// Skip the cross-validation of campaigns without held-out readings.
     #[arg(long)]
     no_cross_validation: bool,
+    #[command(flatten)]
+    despite: super::Despite,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -61,7 +63,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     ];
     super::writable(&outputs, &arguments.campaign, &[arguments.model.as_deref()])?;
     let spinner = progress::spinner();
-    let campaign = super::load(&arguments.campaign)?;
+    let mut opened = super::open_and_say(&arguments.campaign)?;
+    if let Some(outcome) = opened.check_data(&arguments.despite, "misfit.fit/1", arguments.json)? {
+        spinner.finish_and_clear();
+        return Ok(outcome);
+    }
+    let campaign = opened.campaign.clone();
     if arguments.method == Method::Paper {
         return paper(arguments, &campaign);
     }
@@ -81,6 +88,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         None
     };
     let found = fit::fit(&campaign, &model, &options, say)?;
+    opened.add(&found);
     let path = arguments.campaign.display();
     let of_model = arguments.model.as_ref();
     let of_model =
@@ -95,7 +103,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         &campaign,
         || report::recording::of_fit(&campaign, baseline.as_ref(), &found),
         &found.model,
-        &document,
+        &opened.with(&document),
         &command,
     )?;
     if let Some(file) = &arguments.report {
@@ -106,6 +114,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
                 next.clone(),
             )],
             seed: None,
+            findings: opened.findings.clone(),
         };
         let results = Results::Fit {
             fit: &found,
@@ -115,7 +124,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     spinner.finish_and_clear();
     if arguments.json {
-        print_json(&document)?;
+        print_json(&opened.with(&document))?;
     } else {
         let detail = if arguments.all {
             Detail::Everything

@@ -2,6 +2,7 @@
 
 use super::record::Record;
 use super::{Outcome, print, print_json, progress, report as pages};
+use crate::diagnosis::Verdict;
 use crate::fit::Options;
 use crate::ladder::{self, Stop};
 use crate::report::html::{Origin, Results};
@@ -43,6 +44,8 @@ pub struct Arguments {
     /// Skip the cross-validation of campaigns without held-out readings.
     #[arg(long)]
     no_cross_validation: bool,
+    #[command(flatten)]
+    despite: super::Despite,
 }
 
 /// Runs the command.
@@ -55,7 +58,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let others = [arguments.candidates.as_deref()];
     super::writable(&outputs, &arguments.campaign, &others)?;
     let spinner = progress::spinner();
-    let campaign = super::load(&arguments.campaign)?;
+    let mut opened = super::open_and_say(&arguments.campaign)?;
+    if let Some(outcome) =
+        opened.check_data(&arguments.despite, "misfit.ladder/1", arguments.json)?
+    {
+        spinner.finish_and_clear();
+        return Ok(outcome);
+    }
+    let campaign = opened.campaign.clone();
     let options = Options {
         cross_validate: !arguments.no_cross_validation,
     };
@@ -72,6 +82,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         &options,
         say,
     )?;
+    opened.add(&found.last.fit);
     if let Some(file) = &arguments.save_model {
         model_file::write(file, &found.last.fit.model)?;
     }
@@ -94,7 +105,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         &campaign,
         || report::recording::of_ladder(&campaign, &found),
         &found.last.fit.model,
-        &document,
+        &opened.with(&document),
         &command,
     )?;
     if let Some(file) = &arguments.report {
@@ -103,6 +114,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
             command,
             next: pages::after_ladder(&path.to_string(), &given, &found.last),
             seed: None,
+            findings: opened.findings.clone(),
         };
         let results = Results::Ladder {
             ladder: &found,
@@ -112,7 +124,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     }
     spinner.finish_and_clear();
     if arguments.json {
-        print_json(&document)?;
+        print_json(&opened.with(&document))?;
     } else {
         let mut text = report::ladder::text(&campaign, &found);
         if let Some(file) = &arguments.report {
@@ -120,9 +132,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         print(&format!("{text}{recorded}\nnext     {next}\n"))?;
     }
-    Ok(if found.last.fit.converged {
-        Outcome::Done
-    } else {
-        Outcome::Missed
-    })
+    Ok(
+        if found.last.fit.converged && found.last.verdict != Verdict::CannotTell {
+            Outcome::Done
+        } else {
+            Outcome::Missed
+        },
+    )
 }

@@ -54,7 +54,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let others = [arguments.candidates.as_deref()];
     super::writable(&[Some(&arguments.output)], &arguments.campaign, &others)?;
     let spinner = progress::spinner();
-    let campaign = super::load(&arguments.campaign)?;
+    let mut opened = super::open_and_say(&arguments.campaign)?;
+    let campaign = opened.campaign.clone();
     let options = Options {
         cross_validate: !arguments.no_cross_validation,
     };
@@ -65,6 +66,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let effects = arguments.effects.as_deref();
     let say = |text: &str| spinner.set_message(text.to_owned());
     let ladder = ladder::climb(&campaign, effects, &own, None, &options, say)?;
+    opened.add(&ladder.last.fit);
     let next = next_poses(&campaign, &ladder.last);
     let path = arguments.campaign.display();
     let effects = effects.map(|list| format!(" --effects {list}"));
@@ -76,6 +78,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         command: format!("misfit report {path}{given}{quick}"),
         next: after_ladder(&path.to_string(), &given, &ladder.last),
         seed: None,
+        findings: opened.findings.clone(),
     };
     let results = Results::Ladder {
         ladder: &ladder,
