@@ -8,6 +8,7 @@ mod diagnosis;
 mod effects;
 mod equilibrium;
 mod expression;
+mod findings;
 mod fit;
 mod form;
 mod kinematics;

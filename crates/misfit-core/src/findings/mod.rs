@@ -34,15 +34,13 @@ pub fn findings(campaign: &Campaign) -> Vec<Finding> {
     let bad = BadRows::of(&campaign.readings, &slides);
     found.extend(bad.findings(campaign));
     let unusable = bad.unusable();
+    // readings held out are only shown
     let usable: Vec<usize> = (0..campaign.readings.len())
+        .filter(|&row| campaign.readings[row].split == Split::Fit)
         .filter(|row| unusable.binary_search(row).is_err())
         .collect();
     let doctor = doctor::diagnose(campaign, &usable);
-    let fitted: Vec<&Reading> = usable
-        .iter()
-        .map(|&row| &campaign.readings[row])
-        .filter(|reading| reading.split == Split::Fit)
-        .collect();
+    let fitted: Vec<&Reading> = usable.iter().map(|&row| &campaign.readings[row]).collect();
     found.extend(repeats::findings(campaign, &fitted));
     let wrench = loads::wrenches(campaign, &fitted);
     match doctor {
@@ -57,14 +55,9 @@ pub fn findings(campaign: &Campaign) -> Vec<Finding> {
 }
 
 /// What only the usual model can see: rows and poses far off, springs, and signs of the wrench.
-fn of_the_model(campaign: &Campaign, usable: &[usize], wrench: Option<Finding>) -> Vec<Finding> {
-    let fitted: Vec<usize> = usable
-        .iter()
-        .copied()
-        .filter(|&row| campaign.readings[row].split == Split::Fit)
-        .collect();
-    let readings: Vec<&Reading> = fitted.iter().map(|&row| &campaign.readings[row]).collect();
-    let frames = FramesAlone::fit(&campaign.robot, &Table::of(campaign, &fitted), ROUNDS);
+fn of_the_model(campaign: &Campaign, rows: &[usize], wrench: Option<Finding>) -> Vec<Finding> {
+    let readings: Vec<&Reading> = rows.iter().map(|&row| &campaign.readings[row]).collect();
+    let frames = FramesAlone::fit(&campaign.robot, &Table::of(campaign, rows), ROUNDS);
     let sizes = frames.sizes();
     let middle = table::quantile(&sizes, 0.5);
     let weights: Vec<f64> = sizes
