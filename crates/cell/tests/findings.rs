@@ -343,43 +343,51 @@ fn mistakes(arm: &Arm, design: Design) -> Vec<(String, Mistake, Vec<String>)> {
     all
 }
 
-#[test]
-fn the_right_repair_is_named_or_tied() {
-    let (mut right, mut all, mut unseen, mut wrong) = (0, 0, Vec::new(), Vec::new());
+/// Puts in every mistake that `wanted` takes, by its number and the design, and counts those that a finding names.
+fn right_repairs(wanted: impl Fn(usize, Design) -> bool) {
+    let (mut right, mut all, mut missed) = (0, 0, Vec::new());
     for arm in &ARMS {
         for design in [Design::Bare, Design::Rich, Design::Posed] {
             let clean = campaign(arm, design, 7);
-            for (name, mistake, expected) in mistakes(arm, design) {
+            for (number, (name, mistake, expected)) in mistakes(arm, design).into_iter().enumerate()
+            {
+                if !wanted(number, design) {
+                    continue;
+                }
                 let mut damaged = clean.clone();
                 mistake(&mut damaged);
                 let found = findings(&damaged);
-                let errors: Vec<&Finding> = found
-                    .iter()
-                    .filter(|f| f.severity == Severity::Error)
-                    .collect();
-                let says = |f: &&Finding| {
-                    expected
-                        .iter()
-                        .any(|word| f.what.contains(word) || f.evidence.contains(word))
+                let says = |f: &Finding| {
+                    let named = |word: &String| f.what.contains(word) || f.evidence.contains(word);
+                    f.severity == Severity::Error && expected.iter().any(named)
                 };
                 all += 1;
-                let label = format!("{} {design:?}: {name}", arm.name);
-                if errors.iter().any(says) {
+                if found.iter().any(says) {
                     right += 1;
-                } else if !found.is_empty() {
-                    let said: Vec<&str> = found.iter().map(|f| f.what.as_str()).collect();
-                    wrong.push(format!("{label}: {said:?}"));
                 } else {
-                    unseen.push(label);
+                    let said: Vec<&str> = found.iter().map(|f| f.what.as_str()).collect();
+                    missed.push(format!("{} {design:?}, {name}: {said:?}", arm.name));
                 }
             }
         }
     }
-    println!("{right} of {all}; unseen {unseen:#?}; wrong {wrong:#?}");
+    println!("{right} of {all}; missed {missed:#?}");
     assert!(
         right as f64 >= 0.95 * all as f64,
-        "{right} of {all}: unseen {unseen:#?}, wrong {wrong:#?}"
+        "{right} of {all}; missed {missed:#?}"
     );
+}
+
+#[test]
+fn the_right_repair_is_named_or_tied() {
+    // each mistake in one design of each robot
+    right_repairs(|number, design| number % 3 == design as usize);
+}
+
+#[test]
+#[ignore = "minutes: all mistakes in all designs"]
+fn the_right_repair_is_named_or_tied_in_all_designs() {
+    right_repairs(|_, _| true);
 }
 
 /// Cases of the folder `shared` beside the project, where it is there: what each must say.
