@@ -189,14 +189,20 @@ fn nothing_is_said_of_clean_campaigns() {
 }
 
 type Mistake = Box<dyn Fn(&mut Campaign)>;
+/// A mistake with its name, and the words of which a finding must have one.
+type Named = (String, Mistake, Vec<String>);
+
+fn each(change: fn(&mut Reading)) -> Mistake {
+    Box::new(move |c: &mut Campaign| c.readings.iter_mut().for_each(change))
+}
+
+fn words(words: &[&str]) -> Vec<String> {
+    words.iter().map(|w| (*w).to_owned()).collect()
+}
 
 /// Mistakes with the words of which a finding must have one; those that other mistakes equal kinematically name both.
-fn mistakes(arm: &Arm, design: Design) -> Vec<(String, Mistake, Vec<String>)> {
-    let mut all: Vec<(String, Mistake, Vec<String>)> = Vec::new();
-    let each = |change: fn(&mut Reading)| -> Mistake {
-        Box::new(move |c: &mut Campaign| c.readings.iter_mut().for_each(change))
-    };
-    let words = |words: &[&str]| words.iter().map(|w| (*w).to_owned()).collect::<Vec<_>>();
+fn mistakes(arm: &Arm, design: Design) -> Vec<Named> {
+    let mut all: Vec<Named> = Vec::new();
     let mut add = |name: &str, mistake: Mistake, expected: Vec<String>| {
         all.push((name.to_owned(), mistake, expected));
     };
@@ -250,6 +256,17 @@ fn mistakes(arm: &Arm, design: Design) -> Vec<(String, Mistake, Vec<String>)> {
         each(|r| r.position.y = -r.position.y),
         words(&["counts the other way: the tracker's axes", "are exchanged"]),
     );
+    all.extend(of_joints(arm));
+    all.extend(of_orders(arm, design));
+    all
+}
+
+/// Signs, zeros and columns of single joints.
+fn of_joints(arm: &Arm) -> Vec<Named> {
+    let mut all: Vec<Named> = Vec::new();
+    let mut add = |name: &str, mistake: Mistake, expected: Vec<String>| {
+        all.push((name.to_owned(), mistake, expected));
+    };
     let joints = arm.joints.len();
     for joint in 0..joints {
         let mistake: Mistake = Box::new(move |c| {
@@ -277,7 +294,7 @@ fn mistakes(arm: &Arm, design: Design) -> Vec<(String, Mistake, Vec<String>)> {
         );
     }
     for joint in 1..joints - 1 {
-        if slides.contains(&joint) {
+        if arm.slides.contains(&joint) {
             continue;
         }
         for (zero, said) in [(-FRAC_PI_2, "+90°"), (FRAC_PI_2, "-90°"), (PI, "180°")] {
@@ -292,6 +309,15 @@ fn mistakes(arm: &Arm, design: Design) -> Vec<(String, Mistake, Vec<String>)> {
             );
         }
     }
+    all
+}
+
+/// Rows, set-ups and orientations.
+fn of_orders(arm: &Arm, design: Design) -> Vec<Named> {
+    let mut all: Vec<Named> = Vec::new();
+    let mut add = |name: &str, mistake: Mistake, expected: Vec<String>| {
+        all.push((name.to_owned(), mistake, expected));
+    };
     add(
         "rows shifted",
         Box::new(|c| {
@@ -302,7 +328,7 @@ fn mistakes(arm: &Arm, design: Design) -> Vec<(String, Mistake, Vec<String>)> {
         }),
         words(&["out of step by one row", "one pose label have other joints"]),
     );
-    if !slides.contains(&2) {
+    if !arm.slides.contains(&2) {
         add(
             "parallelogram",
             each(|r| r.joints[2] += r.joints[1]),
