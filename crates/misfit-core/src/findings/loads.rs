@@ -189,8 +189,8 @@ mod tests {
     #[test]
     fn forces_of_a_process_have_no_sign() {
         let down = Vector3::new(0.0, 0.0, -9.81);
-        assert_eq!(along_gravity(&vec![down; 6], &down), Sign::Right);
-        assert_eq!(along_gravity(&vec![-down; 6], &down), Sign::Reversed(-1.0));
+        assert_eq!(along_gravity(&[down; 6], &down), Sign::Right);
+        assert_eq!(along_gravity(&[-down; 6], &down), Sign::Reversed(-1.0));
         let mut mixed = vec![-down; 6];
         mixed.push(Vector3::x() * 20.0);
         mixed.push(Vector3::y() * 20.0);

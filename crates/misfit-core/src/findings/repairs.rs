@@ -400,7 +400,7 @@ mod tests {
     use super::*;
 
     fn table() -> Table {
-        let row = |k: usize| f64::from(u8::try_from(k).unwrap());
+        let row = |k: u8| f64::from(k);
         Table {
             joints: (0..4).map(|k| vec![row(k)]).collect(),
             positions: (0..4).map(|k| Vector3::new(row(k), 0.0, 0.0)).collect(),
