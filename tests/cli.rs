@@ -606,21 +606,72 @@ fn one_wrong_number_is_found_by_its_line() {
     let rows: Vec<String> = rows.iter().map(|row| row.join(",")).collect();
     fs::write(&table, rows.join("\n") + "\n").unwrap();
     let quick = |command| [command, "d/campaign.toml", "--no-cross-validation"];
-    let text = ends(3, at, &quick("fit"));
+    // the line is said before anything is fitted
+    let said = |code: i32, words: &[&str]| {
+        let ran = run(at, words);
+        assert_eq!(ran.code, Some(code), "{words:?}: {}", ran.err);
+        assert!(ran.err.contains("(line 8)"), "{}", ran.err);
+        ran.out
+    };
+    let text = said(3, &quick("fit"));
     assert!(
         text.contains("diagnose names the lines that it rejects"),
         "{text}"
     );
-    let text = done(at, &quick("diagnose"));
+    let text = said(0, &quick("diagnose"));
     assert!(
         text.contains("239 readings · 1 rejected (lines 8)"),
         "{text}"
     );
     let page = [&quick("report")[..], &["-o", "page.html"]].concat();
-    for text in [done(at, &quick("ladder")), done(at, &page)] {
+    for text in [said(0, &quick("ladder")), said(0, &page)] {
         let title = text.lines().next().unwrap();
         assert!(title.contains(" · 1 rejected (lines 8)"), "{text}");
     }
+}
+
+#[test]
+fn errors_in_the_data_end_commands_and_a_flag_goes_on() {
+    let folder = TempDir::new().unwrap();
+    let at = folder.path();
+    let hidden = concat!(env!("CARGO_MANIFEST_DIR"), "/scenarios/hidden.toml");
+    done(at, &["simulate", hidden, "--csv", "d"]);
+    let clean = done(at, &["check", "d/campaign.toml"]);
+    assert!(clean.contains("findings 0 errors · 0 warnings"), "{clean}");
+    let table = at.join("d/readings.csv");
+    let text = fs::read_to_string(&table).unwrap();
+    // metres in columns of millimetres
+    let header = text.lines().next().unwrap();
+    let wrong = header.replace("x_m,y_m,z_m", "x_mm,y_mm,z_mm");
+    assert_ne!(wrong, header);
+    fs::write(&table, text.replacen(header, &wrong, 1)).unwrap();
+    let document = json_of(&run(at, &["check", "d/campaign.toml", "--json"]), 1);
+    let finding = &document["findings"][0];
+    assert_eq!(finding["severity"], "error");
+    let what = finding["what"].as_str().unwrap();
+    assert!(
+        what.contains("the positions are in m, but read as mm"),
+        "{what}"
+    );
+    for command in ["fit", "diagnose", "ladder"] {
+        let document = json_of(&run(at, &[command, "d/campaign.toml", "--json"]), 1);
+        assert_eq!(document["verdict"], "check_data");
+        assert_eq!(document["converged"], false);
+        assert_eq!(document["findings"][0]["what"], what);
+    }
+    let export = ["export", "d/campaign.toml", "-o", "x.json"];
+    let ran = run(at, &export);
+    assert_eq!(ran.code, Some(1));
+    assert!(ran.err.contains("nothing was written"), "{}", ran.err);
+    assert!(!at.join("x.json").exists());
+    let forced = [&export[..], &["--despite-findings"]].concat();
+    assert_ne!(run(at, &forced).code, Some(1));
+    assert!(at.join("x.json").exists());
+}
+
+fn json_of(ran: &Ran, code: i32) -> Value {
+    assert_eq!(ran.code, Some(code), "{}{}", ran.out, ran.err);
+    serde_json::from_str(&ran.out).unwrap()
 }
 
 #[test]
@@ -768,7 +819,9 @@ fn run_with_expectations_met() {
     let result = fs::read_to_string(kept.join("good.result.json")).unwrap();
     assert_eq!(serde_json::from_str::<Value>(&result).unwrap(), document);
     // what `run` fits is what `fit` makes of the recording it keeps
-    let alone = json(&kept, &["fit", "good.mcap", "--json"]);
+    let mut alone = json(&kept, &["fit", "good.mcap", "--json"]);
+    let findings = alone.as_object_mut().unwrap().remove("findings");
+    assert_eq!(findings, Some(Value::Array(Vec::new())));
     assert_eq!(alone, document["fit"]);
 }
 
@@ -1903,7 +1956,7 @@ fn places_that_cannot_be_written_are_refused() {
 #[test]
 fn diagnose_and_ladder_keep_their_contract() {
     let found = json(lab(), &["diagnose", "cell.mcap", "--json"]);
-    assert_eq!(found["schema"], "misfit.diagnosis/1");
+    assert_eq!(found["schema"], "misfit.diagnosis/2");
     let verdicts = ["nothing", "named", "named_incomplete", "alias", "unknown"];
     assert!(verdicts.contains(&found["verdict"].as_str().unwrap()));
     for key in [
@@ -1942,7 +1995,7 @@ fn diagnose_and_ladder_keep_their_contract() {
     let ran = run(lab(), &["ladder", "cell.mcap", "--stop-at", "three"]);
     assert_eq!(ran.code, Some(2));
     assert!(ran.err.contains("0.3mm"), "{}", ran.err);
-    assert_eq!(found["last"]["schema"], "misfit.diagnosis/1");
+    assert_eq!(found["last"]["schema"], "misfit.diagnosis/2");
     for words in [["diagnose", "cell.mcap"], ["ladder", "cell.mcap"]] {
         for line in done(lab(), &words).lines() {
             assert!(line.chars().count() <= 100, "{line}");

@@ -1,5 +1,6 @@
 //! Arguments and endings that the commands which fit a campaign share.
 
+use super::opened::{Despite, Opened};
 use super::record::Record;
 use super::{Outcome, page};
 use crate::campaign::Campaign;
@@ -147,6 +148,8 @@ pub struct Outputs {
     pub json: bool,
     #[command(flatten)]
     pub effort: Effort,
+    #[command(flatten)]
+    pub despite: Despite,
 }
 
 /// A result, and what a page and a recording say about it.
@@ -177,18 +180,19 @@ impl Outputs {
     /// Writes page and recording, if they are wanted.
     pub fn write<Document, Recording>(
         &self,
-        campaign: &Campaign,
+        opened: &Opened,
         found: Found<'_, Document, Recording>,
     ) -> anyhow::Result<Written>
     where
         Document: Serialize,
         Recording: FnOnce() -> anyhow::Result<Recorded>,
     {
+        let campaign = &opened.campaign;
         let record = self.record.write(
             campaign,
             found.recorded,
             found.model,
-            found.document,
+            &opened.with(found.document),
             &found.command,
         )?;
         let mut report = String::new();
@@ -197,6 +201,7 @@ impl Outputs {
                 command: found.command,
                 next: found.next,
                 seed: None,
+                findings: opened.findings.clone(),
             };
             page::write(file, campaign, &found.page, &origin)?;
             report = format!("{}\n", page::line(file));

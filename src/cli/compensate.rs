@@ -50,6 +50,8 @@ pub struct Arguments {
     /// Print the result as JSON.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    despite: super::Despite,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -107,7 +109,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     ];
     super::writable(&[arguments.output.as_deref()], &arguments.campaign, &read)?;
     let spinner = progress::spinner();
-    let campaign = super::load(&arguments.campaign)?;
+    let mut opened = super::open_and_say(&arguments.campaign)?;
+    opened.refuse(&arguments.despite)?;
+    let campaign = opened.campaign.clone();
     let Tasks {
         readings: mut tasks,
         has_joints: named,
@@ -153,6 +157,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         cross_validate: false,
     };
     let found = fit::fit(&campaign, &model, &options, |_| {})?;
+    opened.add(&found);
+    opened.refuse(&arguments.despite)?;
     let robot = Robot::new(&model, &found.values);
     if arguments.frame == Given::Base {
         let tracker_from_base = robot.base_from_tracker().inverse();
@@ -229,9 +235,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         });
     }
     if arguments.json {
-        print_json(&report::compensate::document(
-            &campaign, &found, &tasks, &corrected,
-        ))?;
+        let document = report::compensate::document(&campaign, &found, &tasks, &corrected);
+        print_json(&opened.with(&document))?;
     } else {
         let effects: Vec<&str> = model.terms.iter().map(|t| t.effect.id()).collect();
         let ground = format!(

@@ -2,7 +2,7 @@
 
 use super::arguments::{Candidates, Found, ModelArguments, Outputs, outcome};
 use super::{Outcome, print, print_json, progress, report as pages};
-use crate::diagnosis::{self, Diagnosis};
+use crate::diagnosis::{self, Diagnosis, Verdict};
 use crate::fit;
 use crate::report::format::WIDTH;
 use crate::report::html::{Results, Step};
@@ -43,12 +43,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     ];
     super::writable(&written, &arguments.campaign, &others)?;
     let spinner = progress::spinner();
-    let campaign = super::load(&arguments.campaign)?;
+    let mut opened = super::open_and_say(&arguments.campaign)?;
+    if let Some(outcome) =
+        opened.check_data(&outputs.despite, "misfit.diagnosis/2", outputs.json)?
+    {
+        spinner.finish_and_clear();
+        return Ok(outcome);
+    }
+    let campaign = opened.campaign.clone();
     let model = arguments.model.model(&campaign)?;
     let options = outputs.effort.options();
     let own = arguments.candidates.load(&campaign)?;
     let say = |text: &str| spinner.set_message(text.to_owned());
     let found = diagnosis::diagnose(&campaign, &model, &own, &options, say)?;
+    opened.add(&found.fit);
     let next = pages::next_poses(&campaign, &found);
     if let Some(file) = &arguments.save_model {
         model_file::write(file, &found.fit.model)?;
@@ -92,7 +100,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         Ok(report::recording::of_diagnosis(&campaign, &frames, &found))
     };
     let written = outputs.write(
-        &campaign,
+        &opened,
         Found {
             model: &found.fit.model,
             document: &document,
@@ -114,7 +122,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     )?;
     spinner.finish_and_clear();
     if outputs.json {
-        print_json(&document)?;
+        print_json(&opened.with(&document))?;
     } else {
         let mut text = report::diagnosis::text(&campaign, &found, next.as_ref());
         let blocks = [written.report, written.record].into_iter();
@@ -133,7 +141,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         print(&text)?;
     }
-    Ok(outcome(&found.fit))
+    Ok(match found.verdict {
+        Verdict::CannotTell => Outcome::Missed,
+        _ => outcome(&found.fit),
+    })
 }
 
 fn has_options(found: &Diagnosis, effect: &str) -> bool {

@@ -37,6 +37,8 @@ pub struct Arguments {
     /// refused where they are absurd. Without it such a row has a fifth (Hayati's beta).
     #[arg(long)]
     four_numbers: bool,
+    #[command(flatten)]
+    despite: super::Despite,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -76,7 +78,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let others = [arguments.model.model.as_deref()];
     super::writable(&[Some(path)], &arguments.campaign, &others)?;
     let spinner = progress::spinner();
-    let campaign = super::load(&arguments.campaign)?;
+    let mut opened = super::open_and_say(&arguments.campaign)?;
+    opened.refuse(&arguments.despite)?;
+    let campaign = opened.campaign.clone();
     let target = if is_table {
         target(arguments, &campaign)?
     } else {
@@ -88,6 +92,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         cross_validate: false,
     };
     let found = fit::fit(&campaign, &model, &options, |_| {})?;
+    opened.add(&found);
+    opened.refuse(&arguments.despite)?;
     let calibrated = Calibrated::of(&found, &campaign);
     let file = path.display().to_string();
     let note = report::note(&campaign, &found, &calibrated);
@@ -114,7 +120,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         _ => {
             let document = report::document(&subject);
-            (serde_json::to_string_pretty(&document)? + "\n", Made::Json)
+            (
+                serde_json::to_string_pretty(&opened.with(&document))? + "\n",
+                Made::Json,
+            )
         }
     };
     let rigid = rigid_fit(&subject, &campaign, &options)?;

@@ -49,7 +49,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         &[arguments.model.model.as_deref()],
     )?;
     let spinner = progress::spinner();
-    let campaign = super::load(&arguments.campaign)?;
+    let mut opened = super::open_and_say(&arguments.campaign)?;
+    if let Some(outcome) = opened.check_data(&outputs.despite, "misfit.fit/1", outputs.json)? {
+        spinner.finish_and_clear();
+        return Ok(outcome);
+    }
+    let campaign = opened.campaign.clone();
     if arguments.method == Method::Paper {
         return paper(arguments, &campaign);
     }
@@ -63,11 +68,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         None
     };
     let found = fit::fit(&campaign, &model, &options, say)?;
+    opened.add(&found);
     let path = arguments.campaign.display();
     let next = format!("misfit diagnose {path}{}", arguments.model.file_as_given());
     let document = report::json::fit(&found, baseline.as_ref());
     let written = outputs.write(
-        &campaign,
+        &opened,
         Found {
             model: &found.model,
             document: &document,
@@ -95,7 +101,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     )?;
     spinner.finish_and_clear();
     if outputs.json {
-        print_json(&document)?;
+        print_json(&opened.with(&document))?;
     } else {
         let detail = if arguments.all {
             Detail::Everything

@@ -2,6 +2,7 @@
 
 use super::arguments::{Candidates, Effects, Found, Outputs, outcome};
 use super::{Outcome, print, print_json, progress, report as pages};
+use crate::diagnosis::Verdict;
 use crate::ladder::{self, Stop};
 use crate::report::html::Results;
 use crate::{model_file, report};
@@ -44,7 +45,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let others = [arguments.candidates.candidates.as_deref()];
     super::writable(&written, &arguments.campaign, &others)?;
     let spinner = progress::spinner();
-    let campaign = super::load(&arguments.campaign)?;
+    let mut opened = super::open_and_say(&arguments.campaign)?;
+    if let Some(outcome) = opened.check_data(&outputs.despite, "misfit.ladder/1", outputs.json)? {
+        spinner.finish_and_clear();
+        return Ok(outcome);
+    }
+    let campaign = opened.campaign.clone();
     let own = arguments.candidates.load(&campaign)?;
     let say = |text: &str| spinner.set_message(text.to_owned());
     let found = ladder::climb(
@@ -55,6 +61,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         &outputs.effort.options(),
         say,
     )?;
+    opened.add(&found.last.fit);
     if let Some(file) = &arguments.save_model {
         model_file::write(file, &found.last.fit.model)?;
     }
@@ -70,7 +77,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let poses = outputs.report.as_ref();
     let poses = poses.and_then(|_| pages::next_poses(&campaign, &found.last));
     let written = outputs.write(
-        &campaign,
+        &opened,
         Found {
             model: &found.last.fit.model,
             document: &document,
@@ -88,7 +95,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     )?;
     spinner.finish_and_clear();
     if outputs.json {
-        print_json(&document)?;
+        print_json(&opened.with(&document))?;
     } else {
         let mut text = report::ladder::text(&campaign, &found);
         if !written.report.is_empty() {
@@ -96,5 +103,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         }
         print(&format!("{text}{}\nnext     {next}\n", written.record))?;
     }
-    Ok(outcome(&found.last.fit))
+    Ok(match found.last.verdict {
+        Verdict::CannotTell => Outcome::Missed,
+        _ => outcome(&found.last.fit),
+    })
 }

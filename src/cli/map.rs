@@ -136,7 +136,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     if arguments.by.is_some_and(|by| by != Teller::Model) {
         return Err(usage("--by: a campaign has no plant; accepted: model"));
     }
-    let campaign = super::load(&arguments.spec)?;
+    let campaign = super::open_and_say(&arguments.spec)?.campaign;
     let mut wanted = Request::default();
     adjust(arguments, &mut wanted);
     let spinner = progress::spinner();

@@ -25,11 +25,11 @@ mod simulate;
 mod sweep;
 mod terminal;
 
-use crate::campaign::{Campaign, folder_of};
+use crate::campaign::folder_of;
 use crate::input::{self, LARGEST_TOML};
 use anyhow::Context;
 use clap::{CommandFactory, Parser, Subcommand};
-use opened::open;
+use opened::{Despite, open, open_and_say};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use terminal::{print, print_json};
@@ -146,20 +146,6 @@ pub fn message(error: &anyhow::Error) -> String {
 fn usage(message: impl std::fmt::Display) -> anyhow::Error {
     let kind = clap::error::ErrorKind::ValueValidation;
     Arguments::command().error(kind, message).into()
-}
-
-/// Reads a campaign, and says on stderr what the reader left out.
-fn load(path: &Path) -> anyhow::Result<Campaign> {
-    let campaign = Campaign::load(path)?;
-    if !terminal::is_quiet() {
-        use std::io::Write;
-        let mut out = std::io::stderr().lock();
-        for note in &campaign.notes {
-            // nothing is left to be done if stderr is closed
-            let _ = writeln!(out, "note: {}", terminal::tame(note));
-        }
-    }
-    Ok(campaign)
 }
 
 /// Refuses files to be written that are read, or that have no folder: before the work, not after it.

@@ -256,7 +256,7 @@ fn of_scenario(arguments: &Arguments) -> anyhow::Result<Spec> {
 
 /// What to measure after a campaign, about its fit.
 fn of_campaign(arguments: &Arguments, say: impl Fn(&str)) -> anyhow::Result<Spec> {
-    let campaign = super::load(&arguments.spec)?;
+    let campaign = super::open_and_say(&arguments.spec)?.campaign;
     let model = arguments.model.model(&campaign)?;
     let options = Options {
         cross_validate: false,

@@ -39,12 +39,14 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let others = [arguments.candidates.candidates.as_deref()];
     super::writable(&[Some(&arguments.output)], &arguments.campaign, &others)?;
     let spinner = progress::spinner();
-    let campaign = super::load(&arguments.campaign)?;
+    let mut opened = super::open_and_say(&arguments.campaign)?;
+    let campaign = opened.campaign.clone();
     let own = arguments.candidates.load(&campaign)?;
     let effects = arguments.effects.list()?;
     let options = arguments.effort.options();
     let say = |text: &str| spinner.set_message(text.to_owned());
     let ladder = ladder::climb(&campaign, &effects, &own, None, &options, say)?;
+    opened.add(&ladder.last.fit);
     let next = next_poses(&campaign, &ladder.last);
     let path = arguments.campaign.display();
     let given = arguments.effects.as_given() + &arguments.candidates.as_given();
@@ -53,6 +55,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         command: format!("misfit report {path}{given}{quick}"),
         next: after_ladder(&path.to_string(), &given, &ladder.last),
         seed: None,
+        findings: opened.findings.clone(),
     };
     let results = Results::Ladder {
         ladder: &ladder,

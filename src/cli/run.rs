@@ -115,6 +115,7 @@ fn fit_once(arguments: &Arguments, scenario: &Scenario) -> anyhow::Result<(RunDo
             .map_or_else(String::new, |seed| format!(" --seed {seed}"));
         let recording = format!("{}.mcap", scenario.name);
         let origin = Origin {
+            findings: Vec::new(),
             command: format!("misfit run {path}{seed}"),
             next: vec![
                 Step::new(

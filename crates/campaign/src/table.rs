@@ -76,7 +76,8 @@ pub(super) fn parse(context: &Context<'_>, rows: &mut dyn Rows) -> Result<Table,
     }
     let name = short_name(context.file);
     let columns = &columns[0];
-    let warnings = warnings(context, columns, &left_out, readings.len());
+    let mut warnings = warnings(context, columns, &left_out, readings.len());
+    warnings.extend(payload_without_centre(context, columns, &readings));
     let mut joints = (0..context.robot.joints.len()).map(Role::Joint);
     Ok(Table {
         readings,
@@ -213,6 +214,26 @@ fn complete(context: &Context<'_>, columns: &Columns) -> Result<(), CampaignErro
         )?;
     }
     Ok(())
+}
+
+/// A payload whose centre no column says hangs at the origin of its link: that has to be said.
+fn payload_without_centre(
+    context: &Context<'_>,
+    columns: &Columns,
+    readings: &[Reading],
+) -> Option<String> {
+    let loaded = readings
+        .iter()
+        .filter(|r| r.payload.is_some_and(|p| p.mass > 0.0));
+    let count = loaded.count();
+    let said = columns.has(Role::PAYLOAD_CENTRE[0]);
+    (columns.has(Role::PayloadMass) && !said && count > 0 && context.with_joints).then(|| {
+        format!(
+            "{}: no column for the centre of the payload: it is taken to hang at the origin of the target's link in {count} \
+             readings; accepted: payload_x_m, payload_y_m, payload_z_m, or the effect payload_com in the model",
+            short_name(context.file)
+        )
+    })
 }
 
 /// How the warning of a joint without a column begins, behind the file.

@@ -9,6 +9,7 @@ mod disturbance;
 mod effects;
 mod equilibrium;
 mod expression;
+mod findings;
 mod fit;
 mod form;
 mod kinds;

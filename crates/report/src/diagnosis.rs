@@ -13,11 +13,13 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-/// `misfit.diagnosis/1`.
+/// `misfit.diagnosis/2`.
 #[derive(Debug, Serialize)]
 pub struct DiagnosisDocument {
     schema: &'static str,
     verdict: Verdict,
+    converged: bool,
+    cannot_tell: Option<String>,
     effects: Vec<String>,
     r#where: Vec<Where>,
     contrasts: Contrasts,
@@ -67,8 +69,10 @@ pub fn document(diagnosis: &Diagnosis, next: Option<&Separation>) -> DiagnosisDo
         contrast.map(|c| c.p_value)
     };
     DiagnosisDocument {
-        schema: "misfit.diagnosis/1",
+        schema: "misfit.diagnosis/2",
         verdict: diagnosis.verdict,
+        converged: diagnosis.fit.converged,
+        cannot_tell: diagnosis.untold.clone(),
         effects: diagnosis.effects.clone(),
         r#where: diagnosis
             .patterns
@@ -315,6 +319,9 @@ fn answer(diagnosis: &Diagnosis) -> String {
         Verdict::Nothing => {
             let _ = writeln!(out, "verdict  nothing detectable is missing");
         }
+        Verdict::CannotTell => {
+            let _ = writeln!(out, "{}", wrap(&words_of_verdict(diagnosis), 9));
+        }
         Verdict::Named | Verdict::NamedIncomplete => {
             for effect in &diagnosis.effects {
                 let found = find(effect).map_or_else(String::new, |c| {
@@ -408,6 +415,10 @@ pub fn words_of_verdict(diagnosis: &Diagnosis) -> String {
     let effects = diagnosis.effects.join(", ");
     match diagnosis.verdict {
         Verdict::Nothing => "verdict  nothing more is detectable".to_owned(),
+        Verdict::CannotTell => format!(
+            "verdict  cannot tell: {}",
+            diagnosis.untold.as_deref().unwrap_or("there is no fit")
+        ),
         Verdict::Named => format!("verdict  {effects}; then nothing more is detectable"),
         Verdict::NamedIncomplete => format!(
             "verdict  {effects}; something is left that no effect of the catalogue explains"

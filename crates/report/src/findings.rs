@@ -54,6 +54,20 @@ pub fn text(finding: &Finding) -> String {
     text
 }
 
+/// A finding on one line, as on stderr.
+pub fn line(finding: &Finding) -> String {
+    let mut text = format!("{}: {}", word(finding.severity), finding.what);
+    if !finding.lines.is_empty() {
+        text += &format!(" ({})", lines_in_words(&finding.lines));
+    }
+    for part in [&finding.evidence, &finding.remedy] {
+        if !part.is_empty() {
+            text += &format!("; {part}");
+        }
+    }
+    text
+}
+
 /// All findings of a campaign as `misfit check` prints them.
 pub fn check(campaign: &misfit_campaign::Campaign, findings: &[Finding]) -> String {
     let mut text = format!(

@@ -111,7 +111,7 @@ pub fn fit(fit: &Fit, baseline: Option<&Fit>) -> FitDocument {
                 name: parameter.name.clone(),
                 unit: parameter.unit.clone(),
                 value: fit.values[k],
-                std: fit.std[k],
+                std: fit.std[k].filter(|_| fit.converged),
                 status: fit.status[k],
             })
             .collect(),

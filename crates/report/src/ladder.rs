@@ -138,6 +138,9 @@ pub(super) fn stopped_because(ladder: &Ladder) -> String {
     ) {
         return "no test alarms any more".to_owned();
     }
+    if let Some(why) = &last.untold {
+        return format!("nothing more can be told: {why}");
+    }
     let pattern = last.patterns_left.first();
     let pattern = pattern.map(|found| format!("{}, {}", found.words, p_value(found.p_value)));
     let sure = last.contrasts_left.iter().filter(|c| c.p_value < 1e-3);

@@ -188,6 +188,7 @@ fn word(verdict: Verdict) -> &'static str {
         Verdict::NamedIncomplete => "named_incomplete",
         Verdict::Alias => "alias",
         Verdict::Unknown => "unknown",
+        Verdict::CannotTell => "cannot_tell",
     }
 }
 
@@ -218,7 +219,7 @@ pub fn judge(case: &Case, found: &Diagnosis) -> Outcome {
         Verdict::Nothing if hidden.is_empty() => Outcome::Right,
         Verdict::Nothing => Outcome::Missed,
         Verdict::Unknown if !hidden.is_empty() && !known => Outcome::Right,
-        Verdict::Unknown => Outcome::Unknown,
+        Verdict::Unknown | Verdict::CannotTell => Outcome::Unknown,
         Verdict::Named if same => Outcome::Right,
         Verdict::NamedIncomplete if same => Outcome::Incomplete,
         Verdict::Alias

@@ -18,6 +18,7 @@ pub mod ripple;
 pub mod score;
 mod screen;
 mod search;
+mod tell;
 
 pub use contrasts::Contrast;
 
@@ -70,6 +71,8 @@ pub enum Verdict {
     Alias,
     /// Something that the catalogue does not hold.
     Unknown,
+    /// There is no fit that could tell.
+    CannotTell,
 }
 
 /// One effect as a candidate.
@@ -137,6 +140,8 @@ pub struct Diagnosis {
     pub evidence: f64,
     /// What these are worth on poses left out, as a share of what they are on the poses fitted.
     pub predicted: Option<f64>,
+    /// Why nothing can be told, if nothing can.
+    pub untold: Option<String>,
     /// Lines of the rejected readings.
     pub rejected: Vec<usize>,
     /// Log evidence of each effect alone against the base model, all its parameters together, nats.
@@ -352,7 +357,12 @@ pub fn diagnose_until(
             Verdict::Named
         }
     };
-    if verdict == Verdict::Unknown {
+    let untold = untold(&campaign, &base);
+    let verdict = match untold {
+        Some(_) => Verdict::CannotTell,
+        None => verdict,
+    };
+    if matches!(verdict, Verdict::Unknown | Verdict::CannotTell) {
         named.clear();
         steps.clear();
         last = first.clone();
@@ -416,6 +426,7 @@ pub fn diagnose_until(
         stopped,
         refused,
         waves,
+        untold,
         rejected,
         alone: first.alone,
     })
@@ -536,6 +547,33 @@ fn finite_fit(campaign: &Campaign, model: &Model, near: Option<&Fit>) -> Result<
         campaign: campaign.name.clone(),
         line: readings[first].line,
     })
+}
+
+/// Why a fit of a campaign can tell nothing; none if it can.
+fn untold(campaign: &Campaign, fit: &Fit) -> Option<String> {
+    let readings = fitted(campaign);
+    let start = fit::start_values(campaign, &fit.model, &readings);
+    let mut frames = fit.model.start();
+    for id in ["tracker_frame", "target_offset"] {
+        if let Some(term) = fit.model.term(id) {
+            let own = term.first..term.first + term.parameters.len();
+            frames[own.clone()].copy_from_slice(&start[own]);
+        }
+    }
+    let left = fit::residuals(&fit.model, &frames, &readings);
+    let squares: f64 = left
+        .iter()
+        .map(|row| row.fixed_rows::<3>(0).norm_squared())
+        .sum();
+    let alone = (squares / readings.len().max(1) as f64).sqrt();
+    let rows = |reading: &&Reading| if reading.orientation.is_some() { 6 } else { 3 };
+    let rows = readings.iter().map(rows).sum();
+    let alone = if alone.is_finite() {
+        alone
+    } else {
+        f64::INFINITY
+    };
+    tell::cannot_tell(&tell::facts(fit, rows, alone))
 }
 
 /// Moves outliers out of the fit; their lines.

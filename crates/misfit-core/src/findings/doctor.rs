@@ -106,12 +106,12 @@ pub fn diagnose(campaign: &Campaign, rows: &[usize]) -> Option<Diagnosis> {
         }
         Judgement::Unexplained => {
             found.agrees = false;
-            found
-                .findings
-                .push(match orientations_alone(&found.frames) {
-                    true => orientation_unexplained(&found.frames),
-                    false => unexplained(&found.frames, &repairs, &scores, campaign),
-                });
+            let finding = match stations::blocks(robot, &table, 2.0 * AGREES) {
+                Some(starts) => set_up_anew(campaign, rows, &starts, &found.frames),
+                None if orientations_alone(&found.frames) => orientation_unexplained(&found.frames),
+                None => unexplained(&found.frames, &repairs, &scores, campaign),
+            };
+            found.findings.push(finding);
         }
     }
     Some(found)

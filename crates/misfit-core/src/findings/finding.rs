@@ -118,8 +118,10 @@ mod tests {
         assert_eq!(worst(&[of(note)]), Some(note));
         assert_eq!(worst(&[of(note), of(warning)]), Some(warning));
         assert_eq!(worst(&[of(error), of(warning)]), Some(error));
-        let json = serde_json::to_value(of(error).at(vec![3, 2, 3])).unwrap();
-        assert_eq!(json["severity"], "error");
-        assert_eq!(json["lines"], serde_json::json!([2, 3]));
+        let json = serde_json::to_string(&of(error).at(vec![3, 2, 3])).unwrap_or_default();
+        assert!(
+            json.contains(r#""severity":"error","lines":[2,3]"#),
+            "{json}"
+        );
     }
 }

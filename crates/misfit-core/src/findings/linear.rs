@@ -10,7 +10,8 @@ use crate::campaign::{Campaign, Reading};
 use crate::effects::EffectList;
 use crate::fit::noise::{isotropic, whiteners};
 use crate::fit::solve::WEAK;
-use crate::fit::{CampaignProblem, start_values};
+use crate::fit::start::Start;
+use crate::fit::{CampaignProblem, values_with};
 use crate::model_file;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use std::collections::BTreeMap;
@@ -64,7 +65,12 @@ pub struct Springs {
 
 impl LinearFit {
     /// Takes the steps; none where the model has no value, or the readings are fewer than its parameters.
-    pub fn of(campaign: &Campaign, readings: &[&Reading], weights: Vec<f64>) -> Option<Self> {
+    pub fn of(
+        campaign: &Campaign,
+        readings: &[&Reading],
+        weights: Vec<f64>,
+        start: &Start,
+    ) -> Option<Self> {
         let model = model_file::model(campaign, &EffectList::DEFAULT, None).ok()?;
         let free: Vec<usize> = model
             .parameters()
@@ -82,13 +88,7 @@ impl LinearFit {
             term.is_some_and(|t| (t.first..t.first + t.parameters.len()).contains(*k))
         });
         let springs = springs.map(|(column, _)| column).collect();
-        let clear: Vec<&Reading> = readings
-            .iter()
-            .zip(&weights)
-            .filter(|(_, weight)| **weight > 0.1)
-            .map(|(reading, _)| *reading)
-            .collect();
-        let start = start_values(campaign, &model, &clear);
+        let start = values_with(&model, start);
         let mut found = Self {
             blocks: Vec::new(),
             poses: by_pose(readings),
@@ -274,6 +274,13 @@ impl LinearFit {
             .zip(&self.weights)
             .map(|(block, weight)| weight * block.column(n).norm_squared())
             .sum();
+        // back to where there are no springs: the last step has freed them
+        let mut back = DVector::zeros(n);
+        for &k in &self.springs {
+            back[k] = -self.moved[k];
+        }
+        let squares = squares + 2.0 * back.dot(&right) + back.dot(&(&normal * &back));
+        let right = right + &normal * &back;
         let others: Vec<usize> = (0..n).filter(|k| !self.springs.contains(k)).collect();
         let cost = |columns: &[usize]| {
             let normal = normal.select_rows(columns).select_columns(columns);

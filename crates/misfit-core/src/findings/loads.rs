@@ -16,6 +16,8 @@ const MIN_READINGS: usize = 6;
 const SURE: f64 = -6.0;
 /// ... and free ones leave at most this share of the squares that none leave.
 const EXPLAINS: f64 = 0.6;
+/// A reversed wrench is right when the usual model leaves less than this share of what it left.
+const CONFIRMED: f64 = 0.6;
 
 /// What forces say of their own sign: forces of the load on the arm and weights that should act, both in the base frame, N.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -117,6 +119,28 @@ pub fn wrenches(campaign: &Campaign, readings: &[&Reading]) -> Option<Finding> {
     )
 }
 
+/// The same reading with the wrench reversed.
+pub fn reversed(reading: &Reading) -> Reading {
+    let mut reading = reading.clone();
+    if let Some(wrench) = &mut reading.wrench {
+        wrench.force = -wrench.force;
+        wrench.torque = -wrench.torque;
+    }
+    reading
+}
+
+/// The finding about a wrench, sure if the usual model leaves less with the wrench reversed: `ratio` of what it leaves then.
+pub fn confirmed(mut finding: Finding, ratio: f64) -> Finding {
+    if ratio < CONFIRMED {
+        finding.severity = Severity::Error;
+        finding.evidence += &format!(
+            "; reversed, the usual model leaves {:.0} % of it",
+            100.0 * ratio
+        );
+    }
+    finding
+}
+
 /// Findings about springs.
 pub fn springs(springs: &Springs, loaded_by_wrench: bool) -> Option<Finding> {
     if !negative(springs) {
@@ -165,13 +189,21 @@ mod tests {
     #[test]
     fn forces_of_a_process_have_no_sign() {
         let down = Vector3::new(0.0, 0.0, -9.81);
-        assert_eq!(along_gravity(&vec![down; 6], &down), Sign::Right);
-        assert_eq!(along_gravity(&vec![-down; 6], &down), Sign::Reversed(-1.0));
+        assert_eq!(along_gravity(&[down; 6], &down), Sign::Right);
+        assert_eq!(along_gravity(&[-down; 6], &down), Sign::Reversed(-1.0));
         let mut mixed = vec![-down; 6];
         mixed.push(Vector3::x() * 20.0);
         mixed.push(Vector3::y() * 20.0);
         assert_eq!(along_gravity(&mixed, &down), Sign::Unknown);
         assert_eq!(along_gravity(&[], &down), Sign::Unknown);
+    }
+
+    #[test]
+    fn a_reversed_wrench_that_explains_is_an_error() {
+        let of = |ratio| confirmed(Finding::new("x", Severity::Warning, ""), ratio).severity;
+        assert_eq!(of(0.59), Severity::Error);
+        assert_eq!(of(0.61), Severity::Warning);
+        assert_eq!(of(f64::NAN), Severity::Warning);
     }
 
     #[test]

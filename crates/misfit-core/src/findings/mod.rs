@@ -22,6 +22,9 @@ use linear::LinearFit;
 use rows::BadRows;
 use table::{FramesAlone, Table};
 
+/// Rounds from each rotation from which frames are looked for.
+const ROUNDS: usize = 6;
+
 /// All findings of a campaign, the worst first.
 pub fn findings(campaign: &Campaign) -> Vec<Finding> {
     let mut found = from_reading(campaign);
@@ -31,47 +34,48 @@ pub fn findings(campaign: &Campaign) -> Vec<Finding> {
     let bad = BadRows::of(&campaign.readings, &slides);
     found.extend(bad.findings(campaign));
     let unusable = bad.unusable();
+    // readings held out are only shown
     let usable: Vec<usize> = (0..campaign.readings.len())
+        .filter(|&row| campaign.readings[row].split == Split::Fit)
         .filter(|row| unusable.binary_search(row).is_err())
         .collect();
     let doctor = doctor::diagnose(campaign, &usable);
-    let fitted: Vec<&Reading> = usable
-        .iter()
-        .map(|&row| &campaign.readings[row])
-        .filter(|reading| reading.split == Split::Fit)
-        .collect();
+    let fitted: Vec<&Reading> = usable.iter().map(|&row| &campaign.readings[row]).collect();
     found.extend(repeats::findings(campaign, &fitted));
-    found.extend(loads::wrenches(campaign, &fitted));
-    if let Some(doctor) = doctor {
-        found.extend(doctor.findings);
-        if doctor.agrees {
-            found.extend(of_the_model(campaign, &usable));
+    let wrench = loads::wrenches(campaign, &fitted);
+    match doctor {
+        Some(doctor) if doctor.agrees => found.extend(of_the_model(campaign, &usable, wrench)),
+        doctor => {
+            found.extend(doctor.into_iter().flat_map(|doctor| doctor.findings));
+            found.extend(wrench);
         }
     }
     found.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
     found
 }
 
-/// What only the usual model can see: rows and poses far off.
-fn of_the_model(campaign: &Campaign, usable: &[usize]) -> Vec<Finding> {
-    let readings: Vec<&Reading> = usable
-        .iter()
-        .map(|&row| &campaign.readings[row])
-        .filter(|reading| reading.split == Split::Fit)
-        .collect();
-    let table = Table::of(campaign, usable);
-    let sizes = FramesAlone::fit(&campaign.robot, &table, 6).sizes();
+/// What only the usual model can see: rows and poses far off, springs, and signs of the wrench.
+fn of_the_model(campaign: &Campaign, rows: &[usize], wrench: Option<Finding>) -> Vec<Finding> {
+    let readings: Vec<&Reading> = rows.iter().map(|&row| &campaign.readings[row]).collect();
+    let frames = FramesAlone::fit(&campaign.robot, &Table::of(campaign, rows), ROUNDS);
+    let sizes = frames.sizes();
     let middle = table::quantile(&sizes, 0.5);
-    let all = usable.iter().zip(&sizes);
-    let weights = all
-        .filter(|(row, _)| campaign.readings[**row].split == Split::Fit)
-        .map(|(_, size)| 1.0 / (1.0 + (size / (2.0 * middle)).powi(2)))
+    let weights: Vec<f64> = sizes
+        .iter()
+        .map(|size| 1.0 / (1.0 + (size / (2.0 * middle)).powi(2)))
         .collect();
-    let Some(mut fit) = LinearFit::of(campaign, &readings, weights) else {
-        return Vec::new();
+    let start = frames.start_on_links(campaign);
+    let Some(mut fit) = LinearFit::of(campaign, &readings, weights.clone(), &start) else {
+        return wrench.into_iter().collect();
     };
-    let strays = strays::of(campaign, &readings, &mut fit);
-    let mut found = strays.findings(&readings);
+    let mut found = strays::of(campaign, &readings, &mut fit).findings(&readings);
+    if let Some(wrench) = wrench {
+        let reversed: Vec<Reading> = readings.iter().map(|r| loads::reversed(r)).collect();
+        let reversed: Vec<&Reading> = reversed.iter().collect();
+        let other = LinearFit::of(campaign, &reversed, weights, &start);
+        let noise = other.map_or(f64::INFINITY, |other| other.position_noise());
+        found.push(loads::confirmed(wrench, noise / fit.position_noise()));
+    }
     let by_wrench = readings.iter().any(|r| r.wrench.is_some());
     if fit.dof() >= strays::MIN_DOF {
         let springs = fit.springs();

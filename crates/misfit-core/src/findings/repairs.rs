@@ -273,33 +273,23 @@ impl Repair {
                 ))
             }
             Self::JointUnit(joint, unit, _) => {
-                let all = || (0..robot.joints.len()).filter(|&j| turns(robot, j));
-                let joints: Vec<usize> = joint.map_or_else(|| all().collect(), |j| vec![j]);
                 let read = if unit == "deg" { "rad" } else { "deg" };
-                let line = |&j: &usize| {
-                    let name = name(j);
-                    format!("{name} = {{ column = \"{name}_{read}\", unit = \"{unit}\" }}")
-                };
-                in_columns(&joints.iter().map(line).collect::<Vec<_>>().join("; "))
+                let wanted = |j: usize| turns(robot, j) && joint.is_none_or(|own| own == j);
+                each_joint(robot, wanted, read, &format!(", unit = \"{unit}\""))
             }
             Self::SlideUnit(unit, _) => {
-                let slides = (0..robot.joints.len()).filter(|&j| !turns(robot, j));
-                let line = |j| {
-                    format!(
-                        "{} = {{ column = \"{}\", unit = \"{unit}\" }}",
-                        name(j),
-                        column(j)
-                    )
-                };
-                in_columns(&slides.map(line).collect::<Vec<_>>().join("; "))
+                let read = if unit == "mm" { "m" } else { "mm" };
+                each_joint(
+                    robot,
+                    |j| !turns(robot, j),
+                    read,
+                    &format!(", unit = \"{unit}\""),
+                )
             }
             Self::Sign(joint) => {
-                let joints: Vec<usize> =
-                    joint.map_or_else(|| (0..robot.joints.len()).collect(), |j| vec![j]);
-                let line = |&j: &usize| {
-                    format!("{} = {{ column = \"{}\", sign = -1 }}", name(j), column(j))
-                };
-                in_columns(&joints.iter().map(line).collect::<Vec<_>>().join("; "))
+                let unit = joint.map_or("rad", |j| if turns(robot, j) { "rad" } else { "m" });
+                let wanted = |j: usize| joint.is_none_or(|own| own == j);
+                each_joint(robot, wanted, unit, ", sign = -1")
             }
             Self::JointsSwapped(a, b) => in_columns(&format!(
                 "{} = {{ column = \"{}\" }}; {} = {{ column = \"{}\" }}",
@@ -356,6 +346,14 @@ impl Repair {
     }
 }
 
+/// A line of `[columns]` for each joint that is wanted: its column in the unit `read`, and the rest.
+fn each_joint(robot: &Robot, wanted: impl Fn(usize) -> bool, read: &str, rest: &str) -> String {
+    let joints = robot.joints.iter().enumerate().filter(|(j, _)| wanted(*j));
+    let lines =
+        joints.map(|(_, joint)| format!("{0} = {{ column = \"{0}_{read}\"{rest} }}", joint.name));
+    in_columns(&lines.collect::<Vec<_>>().join("; "))
+}
+
 /// The unit that positions were read in, where they are in `unit`.
 fn stated(unit: &str, size: f64) -> &'static str {
     let is = |(_, known): &&(&str, f64)| unit == "m" && (known * size - 1.0).abs() < 1e-9;
@@ -395,4 +393,61 @@ fn shifted(table: &Table, rows: isize) -> Table {
     let mut shifted = table.select(&of_positions);
     shifted.joints = table.joints[of_joints].to_vec();
     shifted
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table() -> Table {
+        let row = |k: u8| f64::from(k);
+        Table {
+            joints: (0..4).map(|k| vec![row(k)]).collect(),
+            positions: (0..4).map(|k| Vector3::new(row(k), 0.0, 0.0)).collect(),
+            orientations: vec![None; 4],
+            targets: vec![0; 4],
+            bodies: vec![1],
+            tracker: Frame::Estimate,
+            offsets: vec![Frame::Estimate],
+        }
+    }
+
+    #[test]
+    fn rows_are_shifted_against_each_other_both_ways() {
+        for (rows, joints, positions) in [
+            (1, [0.0, 1.0, 2.0], [1.0, 2.0, 3.0]),
+            (-1, [1.0, 2.0, 3.0], [0.0, 1.0, 2.0]),
+        ] {
+            let shifted = shifted(&table(), rows);
+            let q: Vec<f64> = shifted.joints.iter().map(|q| q[0]).collect();
+            let x: Vec<f64> = shifted.positions.iter().map(|p| p.x).collect();
+            assert_eq!((q, x), (joints.to_vec(), positions.to_vec()));
+        }
+    }
+
+    #[test]
+    fn numbers_of_a_quaternion_are_put_in_order() {
+        // x, y, z, w written into the columns qw, qx, qy, qz
+        let written = UnitQuaternion::new_unchecked(Quaternion::new(0.1, 0.2, 0.3, 0.9));
+        let right = reordered(&written, [3, 0, 1, 2]);
+        assert_eq!([right.w, right.i, right.j, right.k], [0.9, 0.1, 0.2, 0.3]);
+        // and the other way round
+        let again = reordered(&right, [1, 2, 3, 0]);
+        assert_eq!(again.into_inner(), written.into_inner());
+    }
+
+    #[test]
+    fn units_are_named_as_they_were_read() {
+        for (unit, size, read) in [
+            ("mm", 1e-3, "m"),
+            ("m", 1e3, "mm"),
+            ("m", 1.0 / 0.0254, "in"),
+            ("m", 7.0, "m"),
+        ] {
+            assert_eq!(stated(unit, size), read);
+        }
+        assert_eq!(swapped([1, 0, 2]), Some((0, 1)));
+        assert_eq!(swapped([1, 2, 0]), None);
+        assert_eq!(swapped([0, 1, 2]), None);
+    }
 }

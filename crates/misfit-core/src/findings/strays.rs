@@ -63,7 +63,7 @@ pub fn beyond(left: &[Left], kept: &[bool], dof: usize) -> Vec<bool> {
     let mut limits = [f64::NAN; 7];
     left.iter()
         .map(|l| {
-            if l.rows == 0 || l.rows > 6 || !(factor > 0.0) {
+            if l.rows == 0 || l.rows > 6 || factor.is_nan() || factor <= 0.0 {
                 return false;
             }
             if limits[l.rows].is_nan() {
@@ -112,7 +112,7 @@ pub fn by_repeats(positions: &[Vec<[f64; 3]>], left: &[Vec<f64>]) -> Vec<(usize,
     }
     // the middle of the norm of three standard normal numbers, of a difference
     let sigma = quantile(&pairs, 0.5) / (1.538_17 * 2.0_f64.sqrt());
-    if pairs.len() < 8 || !(sigma > 0.0) {
+    if pairs.len() < 8 || sigma.is_nan() || sigma <= 0.0 {
         return Vec::new();
     }
     let mut found = Vec::new();

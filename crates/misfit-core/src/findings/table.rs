@@ -180,6 +180,19 @@ impl FramesAlone {
         }
     }
 
+    /// The frames with the targets on their links.
+    pub fn start_on_links(&self, campaign: &Campaign) -> Start {
+        let targets = campaign.targets.iter().zip(&self.start.link_from_target);
+        let on_link = targets.map(|(target, body_from_target)| {
+            let link = &campaign.robot.links[target.link];
+            link.body_from_link.inverse() * body_from_target
+        });
+        Start {
+            base_from_tracker: self.start.base_from_tracker,
+            link_from_target: on_link.collect(),
+        }
+    }
+
     /// Sizes of what these frames leave of other readings of the same robot.
     pub fn sizes_of(&self, robot: &Robot, table: &Table) -> Vec<f64> {
         let mut other = Self::left(&table.sightings(robot), self.start.clone());

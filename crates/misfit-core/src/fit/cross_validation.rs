@@ -1,13 +1,13 @@
 //! Cross-validation by pose: errors of poses that a fit has not seen.
 
-use super::folds::{FOLDS, folds};
+use super::folds::FOLDS;
 use super::leave_out::without;
 use super::noise::Whitener;
 use super::residuals::{Errors, residuals, summarise};
 use super::solve::{self, Linear, Problem};
 use super::triangle::triangle;
-use super::{CampaignProblem, Fit, alike, start_values};
-use crate::campaign::{Campaign, Reading, pose_key};
+use super::{CampaignProblem, Fit, start_values};
+use crate::campaign::{Campaign, Reading};
 use crate::model::Row;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
@@ -77,7 +77,7 @@ pub(super) fn cross_validated(
     whiteners: &[Whitener],
     many: Option<&Ended>,
 ) -> Option<(Errors, usize)> {
-    let poses = poses(readings);
+    let poses = super::folds::poses(readings);
     if poses.iter().max().is_none_or(|last| last + 1 < MIN_POSES) {
         return None;
     }

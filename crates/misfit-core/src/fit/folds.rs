@@ -7,7 +7,7 @@ use crate::campaign::{Reading, pose_key};
 pub const FOLDS: usize = 5;
 
 /// Pose of each reading, numbered in order of appearance.
-fn poses(readings: &[&Reading]) -> Vec<usize> {
+pub(super) fn poses(readings: &[&Reading]) -> Vec<usize> {
     alike::numbered(readings.iter().map(|reading| pose_key(reading)))
 }
 

@@ -444,7 +444,11 @@ fn without_equilibrium(campaign: &Campaign, found: &mut Fit) {
 
 /// Start values: frames in closed form, everything else as the model says.
 pub(crate) fn start_values(campaign: &Campaign, model: &Model, readings: &[&Reading]) -> Vec<f64> {
-    let found = start::frames(campaign, &model.setup, readings);
+    values_with(model, &start::frames(campaign, &model.setup, readings))
+}
+
+/// Start values with these frames, where the model does not hold others.
+pub(crate) fn values_with(model: &Model, found: &start::Start) -> Vec<f64> {
     let mut p = model.start();
     for term in &model.terms {
         let poses = match term.effect.role() {

@@ -3,7 +3,7 @@
 //! A model's answer to repeats is computed once. Where the fit needs only what all rows say together, repeats are added up.
 
 use super::alike::Alike;
-use super::cross_validation::FOLDS;
+use super::folds::FOLDS;
 use super::noise::Whitener;
 use super::residuals::residual;
 use super::solve::{self, Linear, Problem};

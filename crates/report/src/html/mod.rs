@@ -127,6 +127,7 @@ impl<'a> Results<'a> {
 #[template(path = "page.html")]
 struct Page {
     title: String,
+    findings: Vec<String>,
     verdict: verdict::Section,
     falling: falling::Section,
     carrier: carrier::Section,
@@ -158,6 +159,7 @@ pub fn page(
     let carrier = carrier::section(shown, results)?;
     let page = Page {
         title: campaign.name.clone(),
+        findings: origin.findings.iter().map(crate::findings::line).collect(),
         verdict: verdict::section(campaign, results, &carrier.plots, origin),
         falling: falling::section(results)?,
         carrier,

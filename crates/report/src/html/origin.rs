@@ -3,10 +3,11 @@
 use super::Results;
 use crate::format::{angle, count, length, number};
 use misfit_campaign::Campaign;
+use misfit_core::findings::Finding;
 use misfit_core::fit::noise::Source;
 
 /// What only the caller knows.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Origin {
     /// The command line, without where the report goes.
     pub command: String,
@@ -14,6 +15,8 @@ pub struct Origin {
     pub next: Vec<Step>,
     /// Seed of a simulation.
     pub seed: Option<u64>,
+    /// What was found in the data before anything was fitted.
+    pub findings: Vec<Finding>,
 }
 
 /// Something to do, and the command that does it.

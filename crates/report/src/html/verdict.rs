@@ -137,6 +137,13 @@ fn headline(diagnosis: &Diagnosis) -> (&'static str, String) {
             "unsure",
             format!("One of {effects} is missing; this campaign cannot tell which."),
         ),
+        Verdict::CannotTell => (
+            "unsure",
+            format!(
+                "Nothing can be told: {}.",
+                diagnosis.untold.as_deref().unwrap_or("there is no fit")
+            ),
+        ),
         Verdict::Unknown => (
             "unsure",
             "Something is missing that the catalogue does not hold.".to_owned(),
