@@ -22,9 +22,6 @@ use linear::LinearFit;
 use rows::BadRows;
 use table::{FramesAlone, Table};
 
-/// Rounds from each rotation from which frames are looked for.
-const ROUNDS: usize = 6;
-
 /// All findings of a campaign, the worst first.
 pub fn findings(campaign: &Campaign) -> Vec<Finding> {
     let mut found = from_reading(campaign);
@@ -44,7 +41,9 @@ pub fn findings(campaign: &Campaign) -> Vec<Finding> {
     found.extend(repeats::findings(campaign, &fitted));
     let wrench = loads::wrenches(campaign, &fitted);
     match doctor {
-        Some(doctor) if doctor.agrees => found.extend(of_the_model(campaign, &usable, wrench)),
+        Some(doctor) if doctor.agrees => {
+            found.extend(of_the_model(campaign, &usable, &doctor.frames, wrench));
+        }
         doctor => {
             found.extend(doctor.into_iter().flat_map(|doctor| doctor.findings));
             found.extend(wrench);
@@ -55,10 +54,14 @@ pub fn findings(campaign: &Campaign) -> Vec<Finding> {
 }
 
 /// What only the usual model can see: rows and poses far off, springs, and signs of the wrench.
-fn of_the_model(campaign: &Campaign, rows: &[usize], wrench: Option<Finding>) -> Vec<Finding> {
+fn of_the_model(
+    campaign: &Campaign,
+    rows: &[usize],
+    frames: &FramesAlone,
+    wrench: Option<Finding>,
+) -> Vec<Finding> {
     let readings: Vec<&Reading> = rows.iter().map(|&row| &campaign.readings[row]).collect();
-    let frames = FramesAlone::fit(&campaign.robot, &Table::of(campaign, rows), ROUNDS);
-    let sizes = frames.sizes();
+    let sizes = frames.sizes_of(&campaign.robot, &Table::of(campaign, rows));
     let middle = table::quantile(&sizes, 0.5);
     let weights: Vec<f64> = sizes
         .iter()
