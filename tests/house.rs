@@ -340,7 +340,7 @@ fn plant_and_model_share_no_code() {
 fn an_effect_is_one_file_and_two_lines() {
     let home = Path::new("crates/misfit-core/src/effects");
     let list = fs::read_to_string(home.join("mod.rs")).unwrap();
-    let shared = ["mod", "need", "options", "table"];
+    let shared = ["list", "mod", "need", "options", "role", "table"];
     let mut files: Vec<String> = fs::read_dir(home)
         .unwrap()
         .map(|entry| entry.unwrap().path())

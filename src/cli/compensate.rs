@@ -101,6 +101,10 @@ fn output_path(text: &str) -> Result<PathBuf, String> {
 }
 
 /// Runs the command.
+#[expect(
+    clippy::too_many_lines,
+    reason = "one procedure, still to be split by its steps"
+)]
 pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let read = [
         Some(arguments.tasks.as_path()),

@@ -50,6 +50,10 @@ impl Record {
 }
 
 /// Campaign and results with the model and the result document attached, beside `attachments`.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one procedure, still to be split by its steps"
+)]
 pub fn write(
     file: &Path,
     campaign: &Campaign,

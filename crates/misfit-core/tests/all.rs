@@ -1,6 +1,6 @@
 //! The one integration-test binary of this crate: one module per subject.
 
-#![allow(clippy::unwrap_used, missing_docs)]
+#![allow(clippy::unwrap_used, clippy::too_many_lines, missing_docs)]
 
 #[allow(dead_code)] // each crate uses a part
 mod common;

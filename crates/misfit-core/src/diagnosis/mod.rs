@@ -212,6 +212,10 @@ pub fn diagnose(
 ///
 /// # Errors
 /// As [`fit::fit`].
+#[expect(
+    clippy::too_many_lines,
+    reason = "one procedure, still to be split by its steps"
+)]
 pub fn diagnose_until(
     campaign: &Campaign,
     model: &Model,

@@ -7,7 +7,7 @@
 use super::table::quantile;
 use crate::campaign::pose_key;
 use crate::campaign::{Campaign, Reading};
-use crate::effects::EffectList;
+use crate::effects::{EffectList, Role};
 use crate::fit::noise::{isotropic, whiteners};
 use crate::fit::solve::WEAK;
 use crate::fit::start::Start;
@@ -82,9 +82,8 @@ impl LinearFit {
             .parameters()
             .map(|(_, p)| (p.typical, p.lower, p.upper))
             .collect();
-        let is_spring = |id: &str| id == "joint_compliance";
+        let term = model.term_of(Role::Spring);
         let springs = free.iter().enumerate().filter(|(_, k)| {
-            let term = model.terms.iter().find(|t| is_spring(t.effect.id()));
             term.is_some_and(|t| (t.first..t.first + t.parameters.len()).contains(*k))
         });
         let springs = springs.map(|(column, _)| column).collect();

@@ -3,6 +3,7 @@
 use super::doctor::length;
 use super::finding::{Finding, Severity};
 use crate::campaign::Campaign;
+use crate::effects::Role;
 use crate::fit::{Fit, Status};
 use nalgebra::Vector3;
 
@@ -30,7 +31,7 @@ pub fn findings(campaign: &Campaign, fit: &Fit) -> Vec<Finding> {
     let mut worst: Option<(f64, Severity, String)> = None;
     for (k, (effect, parameter)) in fit.model.parameters().enumerate() {
         let sure = fit.std[k].is_some_and(|std| fit.values[k].abs() > SURE * std);
-        if !["geometry", "joint_offset"].contains(&effect)
+        if ![Some(Role::Geometry), Some(Role::Offset)].contains(&parameter.role)
             || fit.status[k] != Status::Estimated
             || !sure
         {

@@ -111,6 +111,10 @@ pub fn settle(waves: &mut [Wave], fit: &Fit) {
 /// Looks in what a fit leaves for waves whose probability is below `alarm`; none where none of them predicts poses that
 /// it has not seen. `blocks` are rows of whitened columns, the first `base` of them those of the fit, the last the
 /// residual; `motions` go by readings.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one procedure, still to be split by its steps"
+)]
 pub fn scan(
     fit: &Fit,
     readings: &[&Reading],

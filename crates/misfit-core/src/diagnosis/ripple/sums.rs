@@ -53,6 +53,10 @@ pub struct Sums {
 impl Sums {
     /// `blocks` are rows of whitened columns, the first `base` of them those of the fit, the last the residual; `known` are
     /// the waves of the fit.
+    #[expect(
+        clippy::too_many_lines,
+        reason = "one procedure, still to be split by its steps"
+    )]
     pub fn new(
         fit: &Fit,
         known: &[(String, f64)],
