@@ -120,7 +120,10 @@ impl Along {
 }
 
 /// Errors against every angle: before a step in grey, after it in colour, on the scale of before.
-#[expect(clippy::too_many_lines, reason = "one procedure, still to be split by its steps")]
+#[expect(
+    clippy::too_many_lines,
+    reason = "one procedure, still to be split by its steps"
+)]
 fn angles(stream: &RecordingStream, scene: &Scene) -> Logged {
     let (joints, columns) = angle_boxes(scene);
     if joints.is_empty() {
@@ -234,7 +237,10 @@ fn heading(steps: &[Drawn], step: usize) -> String {
 }
 
 /// Rms errors, fitted and held out, on a logarithmic scale.
-#[expect(clippy::too_many_lines, reason = "one procedure, still to be split by its steps")]
+#[expect(
+    clippy::too_many_lines,
+    reason = "one procedure, still to be split by its steps"
+)]
 fn ladder(stream: &RecordingStream, scene: &Scene) -> Logged {
     if scene.steps.len() < 2 {
         return Ok(());

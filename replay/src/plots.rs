@@ -137,7 +137,10 @@ fn curve(
     line(stream, scene, &entity, name, colour, readings, values)
 }
 
-#[expect(clippy::too_many_arguments, reason = "one procedure, still to be split by its steps")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one procedure, still to be split by its steps"
+)]
 fn line(
     stream: &RecordingStream,
     scene: &Scene,

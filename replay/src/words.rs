@@ -37,7 +37,10 @@ pub fn verdict<'a>(scene: &'a Scene<'_>) -> Option<&'a str> {
     (!results.verdict.trim().is_empty()).then_some(&results.verdict)
 }
 
-#[expect(clippy::too_many_lines, reason = "one procedure, still to be split by its steps")]
+#[expect(
+    clippy::too_many_lines,
+    reason = "one procedure, still to be split by its steps"
+)]
 fn about(scene: &Scene) -> String {
     let campaign = &scene.recording.campaign;
     let count = campaign.readings.len();

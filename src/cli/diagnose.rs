@@ -59,8 +59,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let options = outputs.effort.options();
     let own = arguments.candidates.load(&campaign)?;
     let say = |text: &str| spinner.set_message(text.to_owned());
-    let found = diagnosis::diagnose(&campaign, &model, &own, &options, say)?;
+    let mut found = diagnosis::diagnose(&campaign, &model, &own, &options, say)?;
     opened.add(&found.fit);
+    found.reject_too(&opened.rejected);
     let next = pages::next_poses(&campaign, &found);
     if let Some(file) = &arguments.save_model {
         model_file::write(file, &found.fit.model)?;

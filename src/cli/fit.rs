@@ -71,7 +71,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     opened.add(&found);
     let path = arguments.campaign.display();
     let next = format!("misfit diagnose {path}{}", arguments.model.file_as_given());
-    let document = report::json::fit(&found, baseline.as_ref());
+    let document =
+        report::json::fit(&found, baseline.as_ref()).with_rejected(opened.rejected.len());
     let written = outputs.write(
         &opened,
         Found {

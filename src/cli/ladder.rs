@@ -53,7 +53,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let campaign = opened.campaign.clone();
     let own = arguments.candidates.load(&campaign)?;
     let say = |text: &str| spinner.set_message(text.to_owned());
-    let found = ladder::climb(
+    let mut found = ladder::climb(
         &campaign,
         &arguments.effects.list()?,
         &own,
@@ -62,6 +62,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
         say,
     )?;
     opened.add(&found.last.fit);
+    found.last.reject_too(&opened.rejected);
     if let Some(file) = &arguments.save_model {
         model_file::write(file, &found.last.fit.model)?;
     }

@@ -1,7 +1,7 @@
 //! A campaign as a command opens it: with its findings, computed once and said on stderr.
 
 use super::{Outcome, print, print_json, terminal};
-use crate::campaign::Campaign;
+use crate::campaign::{Campaign, Split};
 use crate::findings::{self, Finding, Severity};
 use crate::fit::Fit;
 use crate::report;
@@ -11,10 +11,12 @@ use std::path::Path;
 
 /// A campaign and what is wrong with its data.
 pub struct Opened {
-    /// The campaign.
+    /// The campaign: to be fitted, without the rows that the others contradict.
     pub campaign: Campaign,
     /// Its findings, the worst first.
     pub findings: Vec<Finding>,
+    /// Lines of the rows that were rejected.
+    pub rejected: Vec<usize>,
 }
 
 /// Whether errors among the findings end a command; the same word in every command that fits.
@@ -47,13 +49,35 @@ struct CheckData<'a> {
 pub fn open(path: &Path) -> anyhow::Result<Opened> {
     let campaign = Campaign::load(path)?;
     let findings = findings::findings(&campaign);
-    Ok(Opened { campaign, findings })
+    Ok(Opened {
+        campaign,
+        findings,
+        rejected: Vec::new(),
+    })
 }
 
-/// The same, and says the findings on stderr.
+/// The same, says the findings on stderr, and rejects the rows that the others contradict: in every command the same.
 pub fn open_and_say(path: &Path) -> anyhow::Result<Opened> {
-    let opened = open(path)?;
+    let mut opened = open(path)?;
     say(&opened.findings);
+    opened.rejected = findings::strays(&opened.findings);
+    let is_kept = |line: &usize| opened.rejected.binary_search(line).is_err();
+    let readings = &mut opened.campaign.readings;
+    readings.retain(|reading| reading.split != Split::Fit || is_kept(&reading.line));
+    if !opened.rejected.is_empty() && !terminal::is_quiet() {
+        let count = report::format::count(opened.rejected.len(), "reading");
+        let lines: Vec<String> = opened.rejected.iter().map(usize::to_string).collect();
+        let text = format!(
+            "rejected {count}: nothing is fitted to lines {}",
+            lines.join(", ")
+        );
+        // nothing is left to be done if stderr is closed
+        let _ = writeln!(
+            std::io::stderr().lock(),
+            "{}",
+            report::format::wrap(&text, 9)
+        );
+    }
     Ok(opened)
 }
 

@@ -45,8 +45,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Outcome> {
     let effects = arguments.effects.list()?;
     let options = arguments.effort.options();
     let say = |text: &str| spinner.set_message(text.to_owned());
-    let ladder = ladder::climb(&campaign, &effects, &own, None, &options, say)?;
+    let mut ladder = ladder::climb(&campaign, &effects, &own, None, &options, say)?;
     opened.add(&ladder.last.fit);
+    ladder.last.reject_too(&opened.rejected);
     let next = next_poses(&campaign, &ladder.last);
     let path = arguments.campaign.display();
     let given = arguments.effects.as_given() + &arguments.candidates.as_given();

@@ -1,5 +1,6 @@
 //! Findings about a campaign's data: for people, and as JSON.
 
+use super::format::wrap;
 use misfit_core::findings::{Finding, Severity, lines_in_words};
 use serde::Serialize;
 
@@ -34,22 +35,26 @@ pub fn word(severity: Severity) -> &'static str {
     }
 }
 
-/// A finding in a few lines: what, where, evidence and remedy.
+/// A finding in a few lines: what, where, evidence and remedy; a line to be written stands by itself, whole.
 pub fn text(finding: &Finding) -> String {
-    let mut text = format!("{:<8} {}", word(finding.severity), finding.what);
+    let mut what = format!("{:<8} {}", word(finding.severity), finding.what);
     if !finding.lines.is_empty() {
-        text += &format!(" ({})", lines_in_words(&finding.lines));
+        what += &format!(" ({})", lines_in_words(&finding.lines));
     }
-    text.push('\n');
-    for part in [&finding.evidence, &finding.remedy] {
-        if !part.is_empty() {
-            let sign = if std::ptr::eq(part, &finding.remedy) {
-                "→ "
-            } else {
-                ""
-            };
-            text += &format!("         {sign}{part}\n");
-        }
+    let mut text = wrap(&what, 9) + "\n";
+    if !finding.evidence.is_empty() {
+        text += &format!("{}\n", wrap(&format!("         {}", finding.evidence), 9));
+    }
+    let remedy = finding.remedy.as_str();
+    let (words, line) = match remedy.split_once(": ") {
+        Some((words, line)) if line.contains(" = ") => (format!("{words}:"), line),
+        _ => (remedy.to_owned(), ""),
+    };
+    if !words.is_empty() {
+        text += &format!("{}\n", wrap(&format!("         → {words}"), 11));
+    }
+    if !line.is_empty() {
+        text += &format!("           {line}\n");
     }
     text
 }

@@ -79,6 +79,14 @@ struct ParameterRow {
     status: Status,
 }
 
+impl FitDocument {
+    /// The same of a fit before which so many readings were rejected.
+    pub fn with_rejected(mut self, count: usize) -> Self {
+        self.readings.rejected = count;
+        self
+    }
+}
+
 /// The document of a fit; `baseline` is the fit of the frames alone.
 pub fn fit(fit: &Fit, baseline: Option<&Fit>) -> FitDocument {
     FitDocument {

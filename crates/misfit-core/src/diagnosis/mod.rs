@@ -165,6 +165,13 @@ impl Diagnosis {
         order.into_iter().find(|name| sure(name).is_some())
     }
 
+    /// Adds lines that were rejected before the diagnosis.
+    pub fn reject_too(&mut self, lines: &[usize]) {
+        self.rejected.extend(lines);
+        self.rejected.sort_unstable();
+        self.rejected.dedup();
+    }
+
     /// The campaign without the readings that it rejected: what it fitted.
     pub fn screened(&self, campaign: &Campaign) -> Campaign {
         let mut kept = campaign.clone();

@@ -20,6 +20,7 @@ use crate::campaign::{Campaign, Reading, Split};
 use crate::fit::Fit;
 use linear::LinearFit;
 use rows::BadRows;
+use std::collections::BTreeSet;
 use table::{FramesAlone, Table};
 
 /// All findings of a campaign, the worst first.
@@ -88,6 +89,17 @@ fn of_the_model(
         found.extend(sizes::too_good(fit.position_noise(), spread));
     }
     found
+}
+
+/// Lines of the rows and poses that the others contradict, rising: what no fit is to follow.
+pub fn strays(findings: &[Finding]) -> Vec<usize> {
+    let strays = findings
+        .iter()
+        .filter(|finding| strays::KINDS.contains(&finding.kind));
+    let lines: BTreeSet<usize> = strays
+        .flat_map(|finding| finding.lines.iter().copied())
+        .collect();
+    lines.into_iter().collect()
 }
 
 /// Findings that only a fit can make: corrections beyond what robots have.

@@ -9,6 +9,9 @@ use super::table::quantile;
 use crate::campaign::{Campaign, Reading, repeats};
 use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor};
 
+/// Kinds of the findings made here: of single rows, of whole poses.
+pub(super) const KINDS: [&str; 2] = ["stray_row", "stray_pose"];
+
 /// Rounds of rejection and of what the rest says.
 const ROUNDS: usize = 6;
 /// Probability of one false stray in a campaign.
@@ -190,7 +193,7 @@ impl Strays {
                 _ => format!("{count} rows do not agree with the others"),
             };
             found.push(
-                Finding::new("stray_row", Severity::Warning, what)
+                Finding::new(KINDS[0], Severity::Warning, what)
                     .at(lines(&self.rows))
                     .because(format!(
                         "{count} of {of}: up to {far} from what the other poses predict, which leave {noise} in a coordinate"
@@ -219,7 +222,7 @@ impl Strays {
             };
             let rows: Vec<usize> = self.poses.iter().flatten().copied().collect();
             found.push(
-                Finding::new("stray_pose", Severity::Warning, what)
+                Finding::new(KINDS[1], Severity::Warning, what)
                     .at(lines(&rows))
                     .because(format!(
                         "up to {far} from what the other poses predict, which leave {noise} in a coordinate"
