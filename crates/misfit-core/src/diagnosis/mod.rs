@@ -565,8 +565,8 @@ fn untold(campaign: &Campaign, fit: &Fit) -> Option<String> {
     let readings = fitted(campaign);
     let start = fit::start_values(campaign, &fit.model, &readings);
     let mut frames = fit.model.start();
-    for id in ["tracker_frame", "target_offset"] {
-        if let Some(term) = fit.model.term(id) {
+    for role in [Role::TrackerFrame, Role::TargetFrame] {
+        if let Some(term) = fit.model.term_of(role) {
             let own = term.first..term.first + term.parameters.len();
             frames[own.clone()].copy_from_slice(&start[own]);
         }

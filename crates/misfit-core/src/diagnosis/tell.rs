@@ -1,5 +1,6 @@
 //! Is there a fit that tests can be asked of?
 
+use crate::effects::Role;
 use crate::fit::{Fit, Status};
 
 /// What decides it, as plain numbers.
@@ -53,7 +54,7 @@ pub fn cannot_tell(facts: &Facts) -> Option<String> {
 
 /// The facts of a fit; `frames` is the position error of the frames alone, m.
 pub fn facts(fit: &Fit, rows: usize, frames: f64) -> Facts {
-    let springs = fit.model.term("joint_compliance").map_or((0, 0), |term| {
+    let springs = fit.model.term_of(Role::Spring).map_or((0, 0), |term| {
         let own = term.first..term.first + term.parameters.len();
         let count = |status: Status| own.clone().filter(|&k| fit.status[k] == status).count();
         let bound = count(Status::AtBound);
