@@ -37,6 +37,7 @@ pub fn findings(campaign: &Campaign) -> Vec<Finding> {
         .filter(|&row| campaign.readings[row].split == Split::Fit)
         .filter(|row| unusable.binary_search(row).is_err())
         .collect();
+    found.extend(repeats::unstated(campaign));
     let doctor = doctor::diagnose(campaign, &usable);
     let fitted: Vec<&Reading> = usable.iter().map(|&row| &campaign.readings[row]).collect();
     found.extend(repeats::findings(campaign, &fitted));
@@ -91,11 +92,11 @@ fn of_the_model(
     found
 }
 
-/// Lines of the rows and poses that the others contradict, rising: what no fit is to follow.
+/// Lines of the rows and poses that the others contradict or that hold no position, rising: what no fit is to follow.
 pub fn strays(findings: &[Finding]) -> Vec<usize> {
-    let strays = findings
-        .iter()
-        .filter(|finding| strays::KINDS.contains(&finding.kind));
+    let strays = findings.iter().filter(|finding| {
+        strays::KINDS.contains(&finding.kind) || finding.kind == rows::ZERO_POSITION
+    });
     let lines: BTreeSet<usize> = strays
         .flat_map(|finding| finding.lines.iter().copied())
         .collect();

@@ -3,7 +3,7 @@
 use super::doctor::length;
 use super::finding::{Finding, Severity};
 use super::table::quantile;
-use crate::campaign::{Campaign, MIN_REPEAT_DOF, Reading, repeats};
+use crate::campaign::{Campaign, MIN_REPEAT_DOF, Reading, repeats, wrench_is_measured};
 use crate::fit::noise;
 use crate::fit::start_values;
 use crate::model_file;
@@ -355,6 +355,41 @@ fn in_a_row(readings: &[&Reading], groups: &[Vec<usize>]) -> Option<Finding> {
     )
 }
 
+/// What `[noise]` leaves out beside what it states: read as zero, it makes those readings exact, or drops them.
+pub fn unstated(campaign: &Campaign) -> Option<Finding> {
+    let noise = campaign.noise?;
+    let has = |of: fn(&Reading) -> bool| campaign.readings.iter().any(of);
+    let table = [
+        ("position_m", noise.position > 0.0, true),
+        (
+            "orientation_rad",
+            noise.orientation > 0.0,
+            has(|r| r.orientation.is_some()),
+        ),
+        ("force_N", noise.force > 0.0, has(wrench_is_measured)),
+        ("torque_Nm", noise.torque > 0.0, has(wrench_is_measured)),
+    ];
+    let missing = missing(&table);
+    if missing.is_empty() {
+        return None;
+    }
+    let list = missing.join(", ");
+    let what = format!("[noise] does not state {list}, though it is measured");
+    let finding = Finding::new("unstated_noise", Severity::Warning, what)
+        .because("with part of [noise] stated the rest counts as zero: orientations as exact, wrenches as absent")
+        .remedy(format!("state {list}, or leave [noise] out: then all of it is estimated"));
+    Some(finding)
+}
+
+/// Keys that are measured and not stated, where another is stated; rows are key, stated, measured.
+fn missing(table: &[(&'static str, bool, bool)]) -> Vec<&'static str> {
+    let measured = table.iter().filter(|row| row.2);
+    match measured.clone().any(|row| row.1) {
+        true => measured.filter(|row| !row.1).map(|row| row.0).collect(),
+        false => Vec::new(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -424,5 +459,18 @@ mod tests {
                 "{mean} {middle} {dof}"
             );
         }
+    }
+
+    #[test]
+    fn keys_are_missing_beside_others_that_are_stated() {
+        let of = |stated: [bool; 2], measured: [bool; 2]| {
+            missing(&[("a", stated[0], measured[0]), ("b", stated[1], measured[1])])
+        };
+        assert!(of([true, true], [true, true]).is_empty());
+        assert_eq!(of([true, false], [true, true]), ["b"]);
+        assert_eq!(of([false, true], [true, true]), ["a"]);
+        // what is not measured need not be stated, and where nothing is stated nothing is missing
+        assert!(of([true, false], [true, false]).is_empty());
+        assert!(of([false, false], [true, true]).is_empty());
     }
 }

@@ -6,6 +6,9 @@ use crate::campaign::{Campaign, Reading, Split};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 
+/// Kind of the finding of positions that are exactly zero.
+pub(super) const ZERO_POSITION: &str = "zero_position";
+
 /// Copies beyond this share of the rows make every statement about noise wrong.
 const MAX_COPIED: f64 = 0.05;
 /// A position this many times the spread away from all others is of another size.
@@ -69,7 +72,7 @@ impl BadRows {
         if !self.zeros.is_empty() {
             found.push(
                 Finding::new(
-                    "zero_position",
+                    ZERO_POSITION,
                     Severity::Warning,
                     "positions of exactly 0, 0, 0: the tracker had lost the target",
                 )
